@@ -1,0 +1,4 @@
+//! wavepath: a data-oriented wavefront path tracer for the CPU.
+#![deny(missing_docs)]
+
+pub mod scene;

@@ -1,0 +1,2 @@
+//! The command `wavepath`: a thin shell around the library.
+fn main() {}

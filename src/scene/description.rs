@@ -1,0 +1,299 @@
+//! The scene description: everything that a reader found, in world space, before the plan and the kernels see it.
+//!
+//! A reader (see [`crate::pbrt`]) produces a [`SceneDescription`]; [`crate::scene::build`] turns it into the
+//! tables that the kernels walk. Transforms are kept in double precision up to here, so that a chain of them
+//! costs no accuracy; vertices are rounded to `f32` once, in world space.
+
+use glam::{DAffine3, DVec3};
+
+/// Linear RGB, not clamped. Radiance in W/(m^2 sr) where it is emitted light, dimensionless where it is a reflectance.
+pub type Rgb = [f32; 3];
+
+/// Handle of a [`Material`] in [`SceneDescription::materials`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct MaterialId(pub u32);
+
+/// Handle of a [`Mesh`] in [`SceneDescription::meshes`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct MeshId(pub u32);
+
+/// A scene in world space.
+#[derive(Clone, Debug, Default)]
+pub struct SceneDescription {
+    /// Where the rays start.
+    pub camera: Camera,
+    /// Resolution and crop of the image.
+    pub film: Film,
+    /// Reconstruction filter, sampled by importance.
+    pub filter: Filter,
+    /// Which random numbers, and how many samples a pixel.
+    pub sampler: Sampler,
+    /// Longest path, in scattering vertices (pbrt's `maxdepth`).
+    pub max_depth: u32,
+    /// Triangle meshes, world space.
+    pub meshes: Vec<Mesh>,
+    /// Things with a surface.
+    pub shapes: Vec<Shape>,
+    /// Materials that [`Shape::material`] refers to.
+    pub materials: Vec<Material>,
+    /// Lights without a surface. Emitting surfaces are [`Shape::emission`].
+    pub lights: Vec<Light>,
+}
+
+/// A perspective camera with an optional thin lens.
+#[derive(Clone, Debug)]
+pub struct Camera {
+    /// Camera space (x right, y up, z into the scene, left-handed as in pbrt) to world space.
+    pub world_from_camera: DAffine3,
+    /// Full field of view of the shorter image axis, in degrees, in (0, 180).
+    pub fov: f64,
+    /// Screen window `[x0, x1, y0, y1]` on the plane z = 1 in units of tan(fov/2).
+    /// `None`: the shorter axis spans [-1, 1] and the other follows from the aspect ratio of the full image.
+    pub screen_window: Option<[f64; 4]>,
+    /// Width over height used for the default screen window. `None`: that of the resolution.
+    pub frame_aspect_ratio: Option<f64>,
+    /// Radius of the lens; 0 is a pinhole.
+    pub lens_radius: f64,
+    /// Distance of the plane in focus, along z of camera space.
+    pub focal_distance: f64,
+}
+
+impl Default for Camera {
+    fn default() -> Self {
+        Camera {
+            world_from_camera: DAffine3::IDENTITY,
+            fov: 90.0,
+            screen_window: None,
+            frame_aspect_ratio: None,
+            lens_radius: 0.0,
+            focal_distance: 1e6,
+        }
+    }
+}
+
+/// Resolution and crop of the image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Film {
+    /// Full resolution `[width, height]` in pixels.
+    pub resolution: [u32; 2],
+    /// Pixels to render: `[x0, x1, y0, y1]`, half open, inside the resolution, not empty.
+    pub pixel_bounds: [u32; 4],
+    /// File name that the scene asks for, as written.
+    pub filename: Option<String>,
+}
+
+impl Default for Film {
+    fn default() -> Self {
+        Film { resolution: [1280, 720], pixel_bounds: [0, 1280, 0, 720], filename: None }
+    }
+}
+
+/// Reconstruction filter. Radii in pixels, from the pixel's centre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Filter {
+    /// Constant over the rectangle.
+    Box {
+        /// Half width and half height.
+        radius: [f64; 2],
+    },
+    /// Product of two tents.
+    Triangle {
+        /// Half width and half height.
+        radius: [f64; 2],
+    },
+    /// Product of two Gaussians of standard deviation `sigma`, lowered so that each reaches 0 at its radius.
+    Gaussian {
+        /// Half width and half height.
+        radius: [f64; 2],
+        /// Standard deviation in pixels.
+        sigma: f64,
+    },
+    /// Mitchell and Netravali (1988), with negative lobes.
+    Mitchell {
+        /// Half width and half height.
+        radius: [f64; 2],
+        /// Parameter B.
+        b: f64,
+        /// Parameter C.
+        c: f64,
+    },
+}
+
+impl Default for Filter {
+    fn default() -> Self {
+        Filter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 }
+    }
+}
+
+/// Which random numbers drive the estimator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SamplerKind {
+    /// Owen-scrambled Sobol points, padded 2D (Burley 2020).
+    Sobol,
+    /// Independent uniform numbers from a hash.
+    Independent,
+}
+
+/// Random numbers and samples a pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sampler {
+    /// Which numbers.
+    pub kind: SamplerKind,
+    /// Samples a pixel, at least 1.
+    pub pixel_samples: u32,
+    /// Seed that the scene asks for.
+    pub seed: u64,
+}
+
+impl Default for Sampler {
+    fn default() -> Self {
+        Sampler { kind: SamplerKind::Sobol, pixel_samples: 16, seed: 0 }
+    }
+}
+
+/// A triangle mesh in world space.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Mesh {
+    /// Vertex positions.
+    pub positions: Vec<[f32; 3]>,
+    /// Vertex normals, unit length, already turned by `ReverseOrientation` and transforms as pbrt does it;
+    /// empty, or one for each position.
+    pub normals: Vec<[f32; 3]>,
+    /// Texture coordinates; empty, or one for each position.
+    pub uvs: Vec<[f32; 2]>,
+    /// Three vertex indices a triangle, each below `positions.len()`.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// The form of a [`Shape`].
+#[derive(Clone, Debug)]
+pub enum Geometry {
+    /// All triangles of a mesh.
+    Mesh(MeshId),
+    /// A sphere around the origin of object space, perhaps clipped.
+    Sphere {
+        /// Object space to world space.
+        world_from_object: DAffine3,
+        /// Radius in object space, above 0.
+        radius: f64,
+        /// Only z in `[z_min, z_max]` of object space is there; `[-radius, radius]` is all.
+        z_min: f64,
+        /// See `z_min`.
+        z_max: f64,
+        /// Only azimuths in `[0, phi_max]` degrees are there; 360 is all.
+        phi_max: f64,
+    },
+    /// A disk in the plane z = `height` of object space with normal +z, perhaps a part of a ring.
+    Disk {
+        /// Object space to world space.
+        world_from_object: DAffine3,
+        /// Height over the plane z = 0.
+        height: f64,
+        /// Outer radius, above 0.
+        radius: f64,
+        /// Inner radius, 0 for a full disk.
+        inner_radius: f64,
+        /// Only azimuths in `[0, phi_max]` degrees are there; 360 is all.
+        phi_max: f64,
+    },
+}
+
+/// A surface: its form, what it is made of, whether it emits.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    /// Form.
+    pub geometry: Geometry,
+    /// Material of the surface.
+    pub material: MaterialId,
+    /// Emitted light, if it is a lamp.
+    pub emission: Option<Emission>,
+    /// `ReverseOrientation` XOR "the transform swaps handedness". The geometric normal (out of the sphere; +z of
+    /// the disk; `cross(p1 - p0, p2 - p0)` of world-space triangles without vertex normals) is negated when set.
+    /// For a mesh, the reader has already applied the transform's handedness to the winding's meaning: the normal
+    /// is `cross(p1 - p0, p2 - p0)` of the world-space positions, negated when this is set.
+    pub flip_normal: bool,
+}
+
+/// Light emitted by a surface, the same in all directions on the side of its normal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Emission {
+    /// Emitted radiance, `scale` and any unit conversion applied.
+    pub radiance: Rgb,
+    /// pbrt's `power`: if set, `radiance` is still to be multiplied by
+    /// power / (pi * area * (2 if two-sided)), with the area of the emitting shape (of each triangle of a mesh).
+    pub power: Option<f32>,
+    /// Emits on both sides.
+    pub two_sided: bool,
+}
+
+/// What a surface is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Material {
+    /// Lambert, or Oren-Nayar (qualitative model, 1994) where `sigma` is above 0.
+    Diffuse {
+        /// Albedo, each channel in [0, 1].
+        reflectance: Rgb,
+        /// Standard deviation of the facets' slope, in degrees.
+        sigma: f32,
+    },
+    /// Conductor with complex index of refraction; GGX where rough.
+    Conductor {
+        /// Real part of the index.
+        eta: Rgb,
+        /// Absorption coefficient.
+        k: Rgb,
+        /// GGX alpha along u and v, remapping applied; `[0, 0]` is smooth.
+        alpha: [f32; 2],
+    },
+    /// Smooth dielectric with Fresnel reflection and refraction.
+    Dielectric {
+        /// Index inside over index outside (outside: where the normal points).
+        eta: f32,
+        /// Tint of reflected light (v3 `Kr`), 1 in pbrt-v4.
+        reflectance: Rgb,
+        /// Tint of transmitted light (v3 `Kt`), 1 in pbrt-v4.
+        transmittance: Rgb,
+    },
+    /// Thin pane of a smooth dielectric: all interreflections, no bend.
+    ThinDielectric {
+        /// Index of the pane over the index around it.
+        eta: f32,
+    },
+}
+
+/// A light without a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Light {
+    /// The same radiance from all directions at infinity.
+    Infinite {
+        /// Radiance.
+        radiance: Rgb,
+    },
+    /// Isotropic point light.
+    Point {
+        /// Radiant intensity (per steradian).
+        intensity: Rgb,
+        /// World position.
+        position: DVec3,
+    },
+    /// Point light in a cone, with pbrt's smooth fall-off between `cos_falloff_start` and `cos_total_width`.
+    Spot {
+        /// Radiant intensity on the axis.
+        intensity: Rgb,
+        /// World position.
+        position: DVec3,
+        /// World direction in which it shines, unit length.
+        direction: DVec3,
+        /// Cosine of the angle where the light begins to fade.
+        cos_falloff_start: f64,
+        /// Cosine of the angle where it is dark, at most `cos_falloff_start`.
+        cos_total_width: f64,
+    },
+    /// Parallel light.
+    Distant {
+        /// Irradiance on a surface that faces it (pbrt's `L`).
+        radiance: Rgb,
+        /// World direction in which the light travels, unit length.
+        direction: DVec3,
+    },
+}

@@ -1,0 +1,5 @@
+//! What a scene is, apart from the format it was written in.
+
+mod description;
+
+pub use description::*;
