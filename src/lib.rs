@@ -1,4 +1,7 @@
 //! wavepath: a data-oriented wavefront path tracer for the CPU.
 #![deny(missing_docs)]
 
+pub mod atomic_file;
+mod contain_panics;
+pub mod picture;
 pub mod scene;
