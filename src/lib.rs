@@ -2,6 +2,7 @@
 #![deny(missing_docs)]
 
 pub mod atomic_file;
+pub mod compare;
 mod contain_panics;
 pub mod picture;
 pub mod scene;
