@@ -4,5 +4,9 @@
 pub mod atomic_file;
 pub mod compare;
 mod contain_panics;
+pub mod interrupt;
+pub mod machine;
 pub mod picture;
+pub mod progress;
+pub mod report;
 pub mod scene;
