@@ -2,6 +2,8 @@
 #![deny(missing_docs)]
 
 pub mod atomic_file;
+pub mod cli;
+mod colour_map;
 pub mod compare;
 mod contain_panics;
 pub mod interrupt;
