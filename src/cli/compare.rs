@@ -3,8 +3,8 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::Failure;
 use super::args::CompareArgs;
+use super::{Failure, output};
 use crate::colour_map::heat;
 use crate::compare::{compare, relative_error_map};
 use crate::picture::{self, Image, ImageFormat};
@@ -12,7 +12,7 @@ use crate::picture::{self, Image, ImageFormat};
 /// Reads both images, prints the measures and writes the map if one is asked for.
 pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
     if let Some(path) = &args.map {
-        check_map(path)?;
+        output::check_image(path)?;
     }
     let image = picture::read(&args.image)?;
     let reference = picture::read(&args.reference)?;
@@ -31,11 +31,6 @@ pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
         comparison.to_string()
     };
     Ok(writeln!(io::stdout(), "{text}")?)
-}
-
-/// A map that cannot be written is the command line's fault, while nothing has been done.
-fn check_map(path: &Path) -> Result<(), Failure> {
-    picture::check_writable(path).map_err(|error| Failure::Usage(error.to_string()))
 }
 
 /// Writes the errors as grey values to an EXR file, as colours to a PNG file.

@@ -9,6 +9,7 @@
 pub mod args;
 mod compare;
 mod failure;
+pub mod output;
 mod parse;
 
 use clap::{Parser, Subcommand};
