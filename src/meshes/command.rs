@@ -150,4 +150,52 @@ mod tests {
         };
         assert_eq!((julia.c, julia.cells), (vec![-0.5, 0.25, 0.0, -1.0], 20));
     }
+
+    /// The committed meshes are what `scenes/make-meshes.sh` makes. Rounding of `sin` and its kin may differ between
+    /// machines, so positions may be off by 1e-6 and normals by 1e-5.
+    #[test]
+    fn committed_meshes_are_what_the_script_makes() {
+        let scenes = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
+        let script = std::fs::read_to_string(scenes.join("make-meshes.sh")).unwrap();
+        let mut committed = Vec::new();
+        let mut bytes = 0;
+        for line in script
+            .lines()
+            .map(str::trim)
+            .filter(|l| l.starts_with("mesh "))
+        {
+            let args = parse(&line.split_whitespace().skip(1).collect::<Vec<_>>());
+            let file = args.output.expect("every line names its file");
+            if file.starts_with("meshes/generated") {
+                continue;
+            }
+            let found = std::fs::read(scenes.join(&file)).unwrap();
+            assert!(found.len() < 400_000, "{file:?} has {} bytes", found.len());
+            bytes += found.len();
+            let (found, made) = (ply::decode(&found), generate(&args.kind).unwrap());
+            assert_eq!(found.triangles, made.triangles, "{file:?}");
+            let close = |a: &[[f32; 3]], b: &[[f32; 3]], tolerance: f32| {
+                a.len() == b.len()
+                    && a.as_flattened()
+                        .iter()
+                        .zip(b.as_flattened())
+                        .all(|(x, y)| (x - y).abs() <= tolerance)
+            };
+            assert!(close(&found.positions, &made.positions, 1e-6), "{file:?}");
+            assert!(close(&found.normals, &made.normals, 1e-5), "{file:?}");
+            committed.push(file.file_name().unwrap().to_owned());
+        }
+        assert!(bytes < 2_000_000, "{bytes} bytes of meshes");
+
+        // And there is no mesh of unknown origin.
+        let mut there: Vec<_> = std::fs::read_dir(scenes.join("meshes"))
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .filter(|path| path.is_file())
+            .map(|path| path.file_name().unwrap().to_owned())
+            .collect();
+        there.sort();
+        committed.sort();
+        assert_eq!(there, committed);
+    }
 }

@@ -68,7 +68,7 @@ impl Crater {
         let r = (1.0 - z * z).max(0.0).sqrt();
         Crater {
             center: DVec3::new(r * c, r * s, z),
-            angle: 0.035 / (number(2) + 0.012).sqrt(),
+            angle: 0.05 / (number(2) + 0.02).sqrt(),
         }
     }
 
@@ -80,7 +80,7 @@ impl Crater {
         }
         let bowl = (x * x - 1.0).clamp(-0.75, 0.0);
         let rim = 0.35 * (-16.0 * (x - 1.0) * (x - 1.0)).exp();
-        0.28 * self.angle * (bowl + rim)
+        0.4 * self.angle * (bowl + rim)
     }
 }
 
