@@ -13,7 +13,7 @@ mesh() { $WAVEPATH mesh "$@"; }
 
 if [ "${1:-}" = large ]; then
     mkdir -p meshes/generated
-    mesh terrain --cells 1024 --size 14 --relief 3.4 --scale 2.6 --octaves 11 --seed 12 -o meshes/generated/terrain.ply
+    mesh terrain --cells 1024 --size 14 --relief 4.2 --scale 3.2 --basin 0.93 --octaves 11 --seed 12 -o meshes/generated/terrain.ply
     mesh julia --c -0.2 0.6 0.2 0.2 --cells 320 --shell 0.006 -o meshes/generated/julia.ply
     mesh menger --levels 4 -o meshes/generated/menger-4.ply
     exit

@@ -5,7 +5,7 @@ use super::noise::Noise;
 use super::normals::smooth_normals;
 use super::{Builder, MeshError};
 use crate::scene::Mesh;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 /// A heightfield of ridged multifractal noise over a square in the xz plane, centred at the origin, y up.
 ///
@@ -24,6 +24,9 @@ pub struct Terrain {
     /// Mountain ranges along a side
     #[arg(long, default_value_t = Self::default().scale)]
     pub scale: f64,
+    /// Depth of a basin in the middle, as a part of the height there: room for a lake
+    #[arg(long, default_value_t = Self::default().basin)]
+    pub basin: f64,
     /// Octaves of noise
     #[arg(long, default_value_t = Self::default().octaves)]
     pub octaves: u32,
@@ -42,6 +45,7 @@ impl Default for Terrain {
             size: 10.0,
             relief: 2.0,
             scale: 3.0,
+            basin: 0.0,
             octaves: 10,
             seed: 1,
             uv: false,
@@ -57,6 +61,7 @@ impl Terrain {
         check_range("size", self.size, 1e-6, 1e6)?;
         check_range("relief", self.relief, 0.0, 1e6)?;
         check_range("scale", self.scale, 1e-3, 1e3)?;
+        check_range("basin", self.basin, 0.0, 1.0)?;
         check_count("octaves", self.octaves, 0, 20)?;
 
         let noise = Noise::new(self.seed);
@@ -73,7 +78,11 @@ impl Terrain {
                     0.0,
                     noise.fractal(p + DVec3::new(-11.3, 47.1, 5.9), 3),
                 );
-                let height = noise.ridged(p + 0.35 * bend, self.octaves);
+                // The square widens the valleys and sharpens the crests.
+                let height = noise.ridged(p + 0.35 * bend, self.octaves).powi(2);
+                let out = 2.0 * DVec2::new(u - 0.5, v - 0.5).length() + 0.25 * bend.x;
+                let t = ((out - 0.15) / 0.75).clamp(0.0, 1.0);
+                let height = height * (1.0 - self.basin * (1.0 - t * t * (3.0 - 2.0 * t)));
                 positions.push(DVec3::new(
                     self.size * (u - 0.5),
                     self.relief * height,
