@@ -24,11 +24,7 @@ pub struct Block {
 
 impl Default for Block {
     fn default() -> Self {
-        Block {
-            size: vec![1.0; 3],
-            rounding: 0.1,
-            segments: 4,
-        }
+        Block { size: vec![1.0; 3], rounding: 0.1, segments: 4 }
     }
 }
 
@@ -39,10 +35,7 @@ impl Block {
         check_range("rounding", self.rounding, 0.0, 1e6)?;
         let r = self.rounding;
         if r > 0.499 * 2.0 * half.min_element() {
-            let limit = format!(
-                "less than half of the shortest side, {}",
-                half.min_element()
-            );
+            let limit = format!("less than half of the shortest side, {}", half.min_element());
             return Err(bad("rounding", r, limit));
         }
         check_count("segments", self.segments, 1, 1 << 20)?;
@@ -50,11 +43,7 @@ impl Block {
         if r == 0.0 {
             let (points, triangles) = lattice(1);
             let corner = |k: &[u32; 3]| (2.0 * DVec3::from(k.map(f64::from)) - 1.0) * half;
-            return Ok(creased(
-                &points.iter().map(corner).collect::<Vec<_>>(),
-                &triangles,
-                30.0,
-            ));
+            return Ok(creased(&points.iter().map(corner).collect::<Vec<_>>(), &triangles, 30.0));
         }
         check_triangles("segments", s, lattice_triangles(2 * s + 1))?;
 
@@ -63,10 +52,7 @@ impl Block {
         let arc = |k: u32| (FRAC_PI_4 * f64::from(k) / f64::from(s)).tan();
         let offset = |k: u32| if k <= s { -arc(s - k) } else { arc(k - s - 1) };
         let (points, triangles) = lattice(2 * s + 1);
-        let mut b = Builder {
-            triangles,
-            ..Builder::default()
-        };
+        let mut b = Builder { triangles, ..Builder::default() };
         for k in points {
             let inner = (half - r) * DVec3::from(k.map(|i| if i <= s { -1.0 } else { 1.0 }));
             let normal = DVec3::from(k.map(offset)).normalize();
@@ -83,13 +69,7 @@ mod tests {
 
     #[test]
     fn a_sharp_box_has_twelve_triangles_and_the_exact_volume() {
-        let mesh = Block {
-            size: vec![1.0, 2.0, 3.0],
-            rounding: 0.0,
-            segments: 1,
-        }
-        .build()
-        .unwrap();
+        let mesh = Block { size: vec![1.0, 2.0, 3.0], rounding: 0.0, segments: 1 }.build().unwrap();
         assert_eq!((mesh.triangles.len(), mesh.positions.len()), (12, 24));
         let topology = assert_closed(&mesh);
         assert_eq!(topology.euler_characteristic, 2);
@@ -100,35 +80,18 @@ mod tests {
     fn a_rounded_box_holds_what_steiners_formula_says() {
         use std::f64::consts::PI;
         let (size, r) = ([1.0, 2.0, 3.0], 0.3);
-        let mesh = Block {
-            size: size.to_vec(),
-            rounding: r,
-            segments: 40,
-        }
-        .build()
-        .unwrap();
+        let mesh = Block { size: size.to_vec(), rounding: r, segments: 40 }.build().unwrap();
         let topology = assert_closed(&mesh);
         assert_eq!(topology.euler_characteristic, 2);
         let [a, b, c] = size.map(|x| x - 2.0 * r);
         let faces = 2.0 * (a * b + b * c + c * a) * r;
         let exact = a * b * c + faces + PI * r * r * (a + b + c) + 4.0 / 3.0 * PI * r * r * r;
-        assert!(
-            (topology.signed_volume / exact - 1.0).abs() < 1e-3,
-            "{topology:?} {exact}"
-        );
+        assert!((topology.signed_volume / exact - 1.0).abs() < 1e-3, "{topology:?} {exact}");
     }
 
     #[test]
     fn too_round_a_box_is_refused() {
-        let error = Block {
-            rounding: 0.6,
-            ..Block::default()
-        }
-        .build()
-        .unwrap_err();
-        assert!(
-            error.to_string().starts_with("--rounding: found 0.6"),
-            "{error}"
-        );
+        let error = Block { rounding: 0.6, ..Block::default() }.build().unwrap_err();
+        assert!(error.to_string().starts_with("--rounding: found 0.6"), "{error}");
     }
 }

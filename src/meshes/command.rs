@@ -2,6 +2,7 @@
 
 use super::error::bad;
 use super::*;
+use crate::atomic_file::check_writable;
 use std::path::PathBuf;
 
 /// Arguments of `wavepath mesh KIND [options] -o FILE.ply`.
@@ -62,33 +63,20 @@ pub fn run(args: &MeshArgs) -> Result<(), MeshError> {
         .output
         .as_ref()
         .ok_or_else(|| bad("output", "none", "the PLY file to write, as in -o FILE.ply"))?;
+    let failed = |source| MeshError::Write { path: path.clone(), source };
+    check_writable(path).map_err(failed)?;
     let mesh = generate(&args.kind)?;
-    ply::write(path, &mesh).map_err(|source| MeshError::Write {
-        path: path.clone(),
-        source,
-    })?;
+    ply::write(path, &mesh).map_err(failed)?;
     let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
-    println!(
-        "{}: {vertices} vertices, {triangles} triangles",
-        path.display()
-    );
+    println!("{}: {vertices} vertices, {triangles} triangles", path.display());
     Ok(())
 }
 
 /// Three numbers of one option, each in `[min, max]`.
-pub(super) fn three(
-    option: &'static str,
-    values: &[f64],
-    min: f64,
-    max: f64,
-) -> Result<DVec3, MeshError> {
+pub(super) fn three(option: &'static str, values: &[f64], min: f64, max: f64) -> Result<DVec3, MeshError> {
     match *values {
         [x, y, z] if [x, y, z].iter().all(|v| (min..=max).contains(v)) => Ok(DVec3::new(x, y, z)),
-        _ => Err(bad(
-            option,
-            format!("{values:?}"),
-            format!("three numbers from {min} to {max}"),
-        )),
+        _ => Err(bad(option, format!("{values:?}"), format!("three numbers from {min} to {max}"))),
     }
 }
 
@@ -104,9 +92,7 @@ mod tests {
     }
 
     fn parse(words: &[&str]) -> MeshArgs {
-        Command::try_parse_from(std::iter::once(&"mesh").chain(words))
-            .unwrap()
-            .mesh
+        Command::try_parse_from(std::iter::once(&"mesh").chain(words)).unwrap().mesh
     }
 
     #[test]
@@ -132,22 +118,15 @@ mod tests {
     #[test]
     fn a_missing_file_name_is_an_error_before_anything_is_made() {
         let error = run(&parse(&["menger", "--levels", "5"])).unwrap_err();
-        assert!(
-            error.is_usage() && error.to_string().contains("--output"),
-            "{error}"
-        );
+        assert!(error.is_usage() && error.to_string().contains("--output"), "{error}");
     }
 
     #[test]
     fn options_reach_the_generators() {
-        let words = [
-            "julia", "--c", "-0.5", "0.25", "0", "-1", "--cells", "20", "-o", "j.ply",
-        ];
+        let words = ["julia", "--c", "-0.5", "0.25", "0", "-1", "--cells", "20", "-o", "j.ply"];
         let args = parse(&words);
         assert_eq!(args.output, Some(PathBuf::from("j.ply")));
-        let MeshKind::Julia(julia) = args.kind else {
-            panic!("{:?}", args.kind)
-        };
+        let MeshKind::Julia(julia) = args.kind else { panic!("{:?}", args.kind) };
         assert_eq!((julia.c, julia.cells), (vec![-0.5, 0.25, 0.0, -1.0], 20));
     }
 
@@ -159,11 +138,7 @@ mod tests {
         let script = std::fs::read_to_string(scenes.join("make-meshes.sh")).unwrap();
         let mut committed = Vec::new();
         let mut bytes = 0;
-        for line in script
-            .lines()
-            .map(str::trim)
-            .filter(|l| l.starts_with("mesh "))
-        {
+        for line in script.lines().map(str::trim).filter(|l| l.starts_with("mesh ")) {
             let args = parse(&line.split_whitespace().skip(1).collect::<Vec<_>>());
             let file = args.output.expect("every line names its file");
             if file.starts_with("meshes/generated") {
@@ -176,10 +151,7 @@ mod tests {
             assert_eq!(found.triangles, made.triangles, "{file:?}");
             let close = |a: &[[f32; 3]], b: &[[f32; 3]], tolerance: f32| {
                 a.len() == b.len()
-                    && a.as_flattened()
-                        .iter()
-                        .zip(b.as_flattened())
-                        .all(|(x, y)| (x - y).abs() <= tolerance)
+                    && a.as_flattened().iter().zip(b.as_flattened()).all(|(x, y)| (x - y).abs() <= tolerance)
             };
             assert!(close(&found.positions, &made.positions, 1e-6), "{file:?}");
             assert!(close(&found.normals, &made.normals, 1e-5), "{file:?}");

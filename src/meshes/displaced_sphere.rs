@@ -66,10 +66,7 @@ impl Crater {
         let z = 2.0 * number(0) - 1.0;
         let (s, c) = (TAU * number(1)).sin_cos();
         let r = (1.0 - z * z).max(0.0).sqrt();
-        Crater {
-            center: DVec3::new(r * c, r * s, z),
-            angle: 0.05 / (number(2) + 0.02).sqrt(),
-        }
+        Crater { center: DVec3::new(r * c, r * s, z), angle: 0.05 / (number(2) + 0.02).sqrt() }
     }
 
     /// Height that it adds at unit vector `at`: a bowl with a rim, in parts of the radius of the sphere.
@@ -88,11 +85,7 @@ impl DisplacedSphere {
     /// Makes the mesh: `20 * frequency^2` triangles, Euler characteristic 2.
     pub fn build(&self) -> Result<Mesh, MeshError> {
         check_count("frequency", self.frequency, 1, 1 << 20)?;
-        check_triangles(
-            "frequency",
-            self.frequency,
-            icosphere_triangles(self.frequency),
-        )?;
+        check_triangles("frequency", self.frequency, icosphere_triangles(self.frequency))?;
         check_range("radius", self.radius, 1e-6, 1e6)?;
         check_range("relief", self.relief, 0.0, 0.5)?;
         check_range("scale", self.scale, 1e-3, 1e3)?;
@@ -114,12 +107,7 @@ impl DisplacedSphere {
             *p *= self.radius * (1.0 + self.relief * hills + pits).max(0.2);
         }
         let normals = smooth_normals(&positions, &triangles);
-        Ok(Builder {
-            positions,
-            normals,
-            triangles,
-        }
-        .finish())
+        Ok(Builder { positions, normals, triangles }.finish())
     }
 }
 
@@ -130,73 +118,31 @@ mod tests {
 
     #[test]
     fn without_relief_it_is_a_sphere() {
-        let ball = DisplacedSphere {
-            relief: 0.0,
-            radius: 2.0,
-            ..DisplacedSphere::default()
-        };
+        let ball = DisplacedSphere { relief: 0.0, radius: 2.0, ..DisplacedSphere::default() };
         let topology = assert_closed(&ball.build().unwrap());
         assert_eq!(topology.euler_characteristic, 2);
-        assert!(
-            (topology.signed_volume / (4.0 / 3.0 * 8.0 * std::f64::consts::PI) - 1.0).abs() < 1e-3
-        );
+        assert!((topology.signed_volume / (4.0 / 3.0 * 8.0 * std::f64::consts::PI) - 1.0).abs() < 1e-3);
     }
 
     #[test]
     fn moons_and_rocks_are_closed_and_follow_the_seed() {
-        let moon = DisplacedSphere {
-            craters: 200,
-            relief: 0.03,
-            ..DisplacedSphere::default()
-        };
+        let moon = DisplacedSphere { craters: 200, relief: 0.03, ..DisplacedSphere::default() };
         let mesh = moon.build().unwrap();
         assert_eq!(assert_closed(&mesh).euler_characteristic, 2);
         assert_eq!(moon.build().unwrap(), mesh);
         assert_ne!(DisplacedSphere { seed: 2, ..moon }.build().unwrap(), mesh);
-        let rock = DisplacedSphere {
-            ridged: true,
-            relief: 0.3,
-            octaves: 3,
-            ..DisplacedSphere::default()
-        };
-        assert_eq!(
-            assert_closed(&rock.build().unwrap()).euler_characteristic,
-            2
-        );
+        let rock = DisplacedSphere { ridged: true, relief: 0.3, octaves: 3, ..DisplacedSphere::default() };
+        assert_eq!(assert_closed(&rock.build().unwrap()).euler_characteristic, 2);
     }
 
     #[test]
     fn bad_parameters_are_refused_by_name() {
         let ball = DisplacedSphere::default();
         for (bad, option) in [
-            (
-                DisplacedSphere {
-                    frequency: 0,
-                    ..ball.clone()
-                },
-                "frequency",
-            ),
-            (
-                DisplacedSphere {
-                    frequency: 1 << 20,
-                    ..ball.clone()
-                },
-                "frequency",
-            ),
-            (
-                DisplacedSphere {
-                    relief: -1.0,
-                    ..ball.clone()
-                },
-                "relief",
-            ),
-            (
-                DisplacedSphere {
-                    octaves: 400,
-                    ..ball.clone()
-                },
-                "octaves",
-            ),
+            (DisplacedSphere { frequency: 0, ..ball.clone() }, "frequency"),
+            (DisplacedSphere { frequency: 1 << 20, ..ball.clone() }, "frequency"),
+            (DisplacedSphere { relief: -1.0, ..ball.clone() }, "relief"),
+            (DisplacedSphere { octaves: 400, ..ball.clone() }, "octaves"),
         ] {
             let message = bad.build().unwrap_err().to_string();
             assert!(message.starts_with(&format!("--{option}: ")), "{message}");

@@ -34,42 +34,20 @@ impl MeshError {
 }
 
 /// An error that names `option`.
-pub(super) fn bad(
-    option: &'static str,
-    found: impl ToString,
-    expected: impl ToString,
-) -> MeshError {
-    MeshError::Option {
-        option,
-        found: found.to_string(),
-        expected: expected.to_string(),
-    }
+pub(super) fn bad(option: &'static str, found: impl ToString, expected: impl ToString) -> MeshError {
+    MeshError::Option { option, found: found.to_string(), expected: expected.to_string() }
 }
 
 /// Checks that a count lies in `min..=max`.
-pub(super) fn check_count(
-    option: &'static str,
-    value: u32,
-    min: u32,
-    max: u32,
-) -> Result<(), MeshError> {
+pub(super) fn check_count(option: &'static str, value: u32, min: u32, max: u32) -> Result<(), MeshError> {
     if (min..=max).contains(&value) {
         return Ok(());
     }
-    Err(bad(
-        option,
-        value,
-        format!("a whole number from {min} to {max}"),
-    ))
+    Err(bad(option, value, format!("a whole number from {min} to {max}")))
 }
 
 /// Checks that a number lies in `[min, max]` (which no NaN does).
-pub(super) fn check_range(
-    option: &'static str,
-    value: f64,
-    min: f64,
-    max: f64,
-) -> Result<(), MeshError> {
+pub(super) fn check_range(option: &'static str, value: f64, min: f64, max: f64) -> Result<(), MeshError> {
     if value >= min && value <= max {
         return Ok(());
     }
@@ -77,11 +55,7 @@ pub(super) fn check_range(
 }
 
 /// Checks the number of triangles, before any of them is made. `option` is the one that drives it.
-pub(super) fn check_triangles(
-    option: &'static str,
-    value: u32,
-    triangles: u128,
-) -> Result<(), MeshError> {
+pub(super) fn check_triangles(option: &'static str, value: u32, triangles: u128) -> Result<(), MeshError> {
     if triangles <= u128::from(MAX_TRIANGLES) {
         return Ok(());
     }
@@ -99,10 +73,7 @@ mod tests {
     #[test]
     fn an_error_says_what_was_found_and_what_is_expected() {
         let error = check_count("sides", 0, 3, 1000).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "--sides: found 0, expected a whole number from 3 to 1000"
-        );
+        assert_eq!(error.to_string(), "--sides: found 0, expected a whole number from 3 to 1000");
         assert!(error.is_usage());
         assert!(check_range("radius", f64::NAN, 0.0, 1.0).is_err());
         assert!(check_range("radius", f64::INFINITY, 0.0, 1e30).is_err());

@@ -38,15 +38,7 @@ pub struct Gear {
 
 impl Default for Gear {
     fn default() -> Self {
-        Gear {
-            teeth: 18,
-            radius: 1.0,
-            thickness: 0.4,
-            bore: 0.2,
-            web: 0.5,
-            bevel: 0.08,
-            segments: 4,
-        }
+        Gear { teeth: 18, radius: 1.0, thickness: 0.4, bore: 0.2, web: 0.5, bevel: 0.08, segments: 4 }
     }
 }
 
@@ -58,12 +50,7 @@ impl Gear {
     pub fn build(&self) -> Result<Mesh, MeshError> {
         check_count("teeth", self.teeth, 8, 10_000)?;
         check_range("radius", self.radius, 1e-6, 1e6)?;
-        check_range(
-            "thickness",
-            self.thickness,
-            1e-3 * self.radius,
-            1e3 * self.radius,
-        )?;
+        check_range("thickness", self.thickness, 1e-3 * self.radius, 1e3 * self.radius)?;
         check_range("web", self.web, 0.05, 0.95)?;
         check_range("bevel", self.bevel, 0.01, 0.15)?;
         check_count("segments", self.segments, 1, 10_000)?;
@@ -71,11 +58,7 @@ impl Gear {
         check_range("bore", self.bore, 0.02 * self.radius, 0.45 * root)?;
         let bevel = self.bevel * (self.tip() - root);
         if 2.0 * bevel > 0.5 * (1.0 - self.web) * self.thickness {
-            return Err(bad(
-                "thickness",
-                self.thickness,
-                "more, or a narrower --bevel, or a thinner --web",
-            ));
+            return Err(bad("thickness", self.thickness, "more, or a narrower --bevel, or a thinner --web"));
         }
         let columns = u128::from(self.teeth) * (2 * u128::from(self.segments) + 4);
         check_triangles("segments", self.segments, 2 * RINGS as u128 * columns)?;
@@ -85,10 +68,7 @@ impl Gear {
         let way: Vec<DVec2> = outline.iter().map(|p| p.normalize()).collect();
         let circle = |r: f64| way.iter().map(|w| r * w).collect::<Vec<_>>();
         let (h, w) = (0.5 * self.thickness, 0.5 * self.web * self.thickness);
-        let (rim, hub) = (
-            root - 0.14 * self.radius.min(root),
-            self.bore + 0.3 * (root - self.bore),
-        );
+        let (rim, hub) = (root - 0.14 * self.radius.min(root), self.bore + 0.3 * (root - self.bore));
         // From the teeth over the top to the bore and back below: every ring is a closed line of the same number of
         // points, at the same azimuths but for the bevel's.
         let rings: [(Vec<DVec2>, f64); RINGS] = [
@@ -154,8 +134,7 @@ impl Gear {
         let mut points = Vec::new();
         for tooth in 0..self.teeth {
             let center = TAU * f64::from(tooth) / f64::from(self.teeth);
-            let mut add =
-                |r: f64, azimuth: f64| points.push(r * DVec2::from_angle(center + azimuth));
+            let mut add = |r: f64, azimuth: f64| points.push(r * DVec2::from_angle(center + azimuth));
             let radius_at = |i: u32| root + (tip - root) * f64::from(i) / f64::from(self.segments);
             for i in 0..=self.segments {
                 add(radius_at(i), -self.half_tooth(radius_at(i)));
@@ -191,12 +170,7 @@ mod tests {
     #[test]
     fn gears_are_closed_rings() {
         for teeth in [8, 12, 18, 41, 120] {
-            let mesh = Gear {
-                teeth,
-                ..Gear::default()
-            }
-            .build()
-            .unwrap();
+            let mesh = Gear { teeth, ..Gear::default() }.build().unwrap();
             assert_eq!(assert_closed(&mesh).euler_characteristic, 0, "{teeth}");
         }
     }
@@ -204,18 +178,11 @@ mod tests {
     #[test]
     fn outlines_are_star_shaped_with_and_without_bevel() {
         for teeth in [8, 18, 120] {
-            let gear = Gear {
-                teeth,
-                bevel: 0.15,
-                ..Gear::default()
-            };
+            let gear = Gear { teeth, bevel: 0.15, ..Gear::default() };
             let outline = gear.outline();
             for line in [inset(&outline, 0.15 * (gear.tip() - gear.root())), outline] {
                 for (i, p) in line.iter().enumerate() {
-                    assert!(
-                        p.perp_dot(line[(i + 1) % line.len()]) > 0.0,
-                        "{teeth} teeth, point {i}"
-                    );
+                    assert!(p.perp_dot(line[(i + 1) % line.len()]) > 0.0, "{teeth} teeth, point {i}");
                 }
             }
         }
@@ -225,36 +192,10 @@ mod tests {
     fn bad_parameters_are_refused_by_name() {
         let gear = Gear::default();
         for (bad, option) in [
-            (
-                Gear {
-                    teeth: 0,
-                    ..gear.clone()
-                },
-                "teeth",
-            ),
-            (
-                Gear {
-                    bore: 1.0,
-                    ..gear.clone()
-                },
-                "bore",
-            ),
-            (
-                Gear {
-                    thickness: 0.02,
-                    ..gear.clone()
-                },
-                "thickness",
-            ),
-            (
-                Gear {
-                    teeth: 10_000,
-                    segments: 10_000,
-                    thickness: 0.4,
-                    ..gear.clone()
-                },
-                "segments",
-            ),
+            (Gear { teeth: 0, ..gear.clone() }, "teeth"),
+            (Gear { bore: 1.0, ..gear.clone() }, "bore"),
+            (Gear { thickness: 0.02, ..gear.clone() }, "thickness"),
+            (Gear { teeth: 10_000, segments: 10_000, thickness: 0.4, ..gear.clone() }, "segments"),
         ] {
             let message = bad.build().unwrap_err().to_string();
             assert!(message.starts_with(&format!("--{option}: ")), "{message}");

@@ -12,17 +12,8 @@ pub(super) fn icosphere_triangles(frequency: u32) -> u128 {
 pub(super) fn icosphere(frequency: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let golden = 0.5 * (1.0 + 5f64.sqrt());
     let mut corners = Vec::new();
-    for (a, b) in [
-        (-1.0, -golden),
-        (1.0, -golden),
-        (-1.0, golden),
-        (1.0, golden),
-    ] {
-        corners.extend([
-            DVec3::new(0.0, a, b),
-            DVec3::new(a, b, 0.0),
-            DVec3::new(b, 0.0, a),
-        ]);
+    for (a, b) in [(-1.0, -golden), (1.0, -golden), (-1.0, golden), (1.0, golden)] {
+        corners.extend([DVec3::new(0.0, a, b), DVec3::new(a, b, 0.0), DVec3::new(b, 0.0, a)]);
     }
     // The edges are the pairs of corners at distance 2, the nearest; the faces are their triangles.
     let near = |a: usize, b: usize| corners[a].distance_squared(corners[b]) < 4.1;
@@ -51,11 +42,7 @@ pub(super) fn icosphere(frequency: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         // Index of the point i steps towards b and j steps towards c.
         let inside = points.len();
         let on_edge = |from: usize, to: usize, step: usize| {
-            let (low, high, step) = if from < to {
-                (from, to, step)
-            } else {
-                (to, from, n - step)
-            };
+            let (low, high, step) = if from < to { (from, to, step) } else { (to, from, n - step) };
             match step {
                 0 => low,
                 s if s == n => high,
@@ -108,12 +95,7 @@ mod tests {
             let (points, triangles) = icosphere(frequency);
             assert_eq!(triangles.len() as u128, icosphere_triangles(frequency));
             assert_eq!(points.len() as u32, 10 * frequency * frequency + 2);
-            let mesh = Builder {
-                normals: points.clone(),
-                positions: points,
-                triangles,
-            }
-            .finish();
+            let mesh = Builder { normals: points.clone(), positions: points, triangles }.finish();
             assert_eq!(assert_closed(&mesh).euler_characteristic, 2);
         }
     }

@@ -29,35 +29,20 @@ pub struct Julia {
 
 impl Default for Julia {
     fn default() -> Self {
-        Julia {
-            c: vec![-0.2, 0.6, 0.2, 0.2],
-            cells: 96,
-            shell: 0.02,
-            iterations: 24,
-        }
+        Julia { c: vec![-0.2, 0.6, 0.2, 0.2], cells: 96, shell: 0.02, iterations: 24 }
     }
 }
 
 /// The six ways from one corner of a cube to the opposite one along its edges: each a tetrahedron. Corners are bits:
 /// 1 for x, 2 for y, 4 for z.
-const TETRAHEDRA: [[usize; 4]; 6] = [
-    [0, 1, 3, 7],
-    [0, 1, 5, 7],
-    [0, 2, 3, 7],
-    [0, 2, 6, 7],
-    [0, 4, 5, 7],
-    [0, 4, 6, 7],
-];
+const TETRAHEDRA: [[usize; 4]; 6] =
+    [[0, 1, 3, 7], [0, 1, 5, 7], [0, 2, 3, 7], [0, 2, 6, 7], [0, 4, 5, 7], [0, 4, 6, 7]];
 
 impl Julia {
     /// Makes the mesh. The number of triangles follows from the set: about 10 times `cells` squared.
     pub fn build(&self) -> Result<Mesh, MeshError> {
         if self.c.len() != 4 || !self.c.iter().all(|x| x.abs() <= 2.0) {
-            return Err(bad(
-                "c",
-                format!("{:?}", self.c),
-                "four numbers from -2 to 2",
-            ));
+            return Err(bad("c", format!("{:?}", self.c), "four numbers from -2 to 2"));
         }
         check_count("cells", self.cells, 2, 2048)?;
         check_range("shell", self.shell, 1e-6, 0.5)?;
@@ -80,11 +65,7 @@ impl Julia {
                     let value = self.distance(c, place(x, y, z)) - self.shell;
                     // What touches the lattice's border is cut off there rather than left open.
                     let outside = border(x) || border(y) || border(z);
-                    values.push(if outside {
-                        value.max(0.25 * self.shell)
-                    } else {
-                        value
-                    });
+                    values.push(if outside { value.max(0.25 * self.shell) } else { value });
                 }
             }
             values
@@ -146,12 +127,7 @@ impl Julia {
             ));
         }
         let normals = smooth_normals(&positions, &triangles);
-        Ok(Builder {
-            positions,
-            normals,
-            triangles,
-        }
-        .finish())
+        Ok(Builder { positions, normals, triangles }.finish())
     }
 
     /// Estimate of the distance from `p` to the set, at most 1; 0 inside.
@@ -195,12 +171,7 @@ fn march(
     let around: &[(usize, usize)] = match (i, o) {
         (1, 3) => &[(ins[0], outs[0]), (ins[0], outs[1]), (ins[0], outs[2])],
         (3, 1) => &[(ins[0], outs[0]), (ins[1], outs[0]), (ins[2], outs[0])],
-        (2, 2) => &[
-            (ins[0], outs[0]),
-            (ins[0], outs[1]),
-            (ins[1], outs[1]),
-            (ins[1], outs[0]),
-        ],
+        (2, 2) => &[(ins[0], outs[0]), (ins[0], outs[1]), (ins[1], outs[1]), (ins[1], outs[0])],
         _ => return,
     };
     // Which way round it faces outwards does not depend on where on the edges it runs: look at the midpoints.
@@ -211,11 +182,7 @@ fn march(
     let first = cut(around[0].0, around[0].1);
     for pair in around[1..].windows(2) {
         let (second, third) = (cut(pair[0].0, pair[0].1), cut(pair[1].0, pair[1].1));
-        triangles.push(if outwards {
-            [first, second, third]
-        } else {
-            [first, third, second]
-        });
+        triangles.push(if outwards { [first, second, third] } else { [first, third, second] });
     }
 }
 
@@ -226,11 +193,7 @@ mod tests {
 
     #[test]
     fn with_c_zero_it_is_the_unit_sphere_with_its_shell() {
-        let ball = Julia {
-            c: vec![0.0; 4],
-            cells: 48,
-            ..Julia::default()
-        };
+        let ball = Julia { c: vec![0.0; 4], cells: 48, ..Julia::default() };
         let topology = assert_closed(&ball.build().unwrap());
         assert_eq!(topology.euler_characteristic, 2);
         // Distance r - 1 is estimated as r ln r / 2 there, which reaches the shell at about 1.04.
@@ -240,23 +203,10 @@ mod tests {
 
     #[test]
     fn julia_sets_are_closed() {
-        for c in [
-            [-0.2, 0.6, 0.2, 0.2],
-            [-1.0, 0.2, 0.0, 0.0],
-            [0.3, 0.0, 0.6, 0.1],
-        ] {
-            let mesh = Julia {
-                c: c.to_vec(),
-                cells: 40,
-                ..Julia::default()
-            }
-            .build()
-            .unwrap();
+        for c in [[-0.2, 0.6, 0.2, 0.2], [-1.0, 0.2, 0.0, 0.0], [0.3, 0.0, 0.6, 0.1]] {
+            let mesh = Julia { c: c.to_vec(), cells: 40, ..Julia::default() }.build().unwrap();
             let topology = Topology::of(&mesh);
-            assert!(
-                topology.is_closed() && topology.signed_volume > 0.0,
-                "{c:?} {topology:?}"
-            );
+            assert!(topology.is_closed() && topology.signed_volume > 0.0, "{c:?} {topology:?}");
         }
     }
 
@@ -264,36 +214,10 @@ mod tests {
     fn bad_parameters_are_refused_by_name() {
         let good = Julia::default();
         for (bad, option) in [
-            (
-                Julia {
-                    c: vec![0.0; 3],
-                    ..good.clone()
-                },
-                "c",
-            ),
-            (
-                Julia {
-                    c: vec![f64::NAN; 4],
-                    ..good.clone()
-                },
-                "c",
-            ),
-            (
-                Julia {
-                    cells: 1,
-                    ..good.clone()
-                },
-                "cells",
-            ),
-            (
-                Julia {
-                    c: vec![2.0; 4],
-                    shell: 1e-6,
-                    cells: 8,
-                    ..good.clone()
-                },
-                "shell",
-            ),
+            (Julia { c: vec![0.0; 3], ..good.clone() }, "c"),
+            (Julia { c: vec![f64::NAN; 4], ..good.clone() }, "c"),
+            (Julia { cells: 1, ..good.clone() }, "cells"),
+            (Julia { c: vec![2.0; 4], shell: 1e-6, cells: 8, ..good.clone() }, "shell"),
         ] {
             let message = bad.build().unwrap_err().to_string();
             assert!(message.starts_with(&format!("--{option}: ")), "{message}");

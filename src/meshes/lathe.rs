@@ -88,22 +88,9 @@ impl LatheProfile {
                 &[(0.30, 0.075), (0.275, 0.085), (0.265, 0.11)],
                 &[(0.265, 0.11), (0.255, 0.14), (0.215, 0.165), (0.18, 0.18)],
                 &[(0.18, 0.18), (0.13, 0.26), (0.105, 0.38), (0.095, 0.52)],
-                &[
-                    (0.095, 0.52),
-                    (0.165, 0.535),
-                    (0.18, 0.55),
-                    (0.165, 0.565),
-                    (0.092, 0.58),
-                ],
+                &[(0.095, 0.52), (0.165, 0.535), (0.18, 0.55), (0.165, 0.565), (0.092, 0.58)],
                 // Head: a ball around (0, 0.73).
-                &[
-                    (0.092, 0.58),
-                    (0.152, 0.642),
-                    (0.176, 0.73),
-                    (0.152, 0.818),
-                    (0.088, 0.882),
-                    (0.0, 0.906),
-                ],
+                &[(0.092, 0.58), (0.152, 0.642), (0.176, 0.73), (0.152, 0.818), (0.088, 0.882), (0.0, 0.906)],
             ],
         }
     }
@@ -128,12 +115,7 @@ pub struct Lathe {
 
 impl Default for Lathe {
     fn default() -> Self {
-        Lathe {
-            profile: LatheProfile::WineGlass,
-            height: 1.0,
-            sides: 96,
-            steps: 4,
-        }
+        Lathe { profile: LatheProfile::WineGlass, height: 1.0, sides: 96, steps: 4 }
     }
 }
 
@@ -143,19 +125,11 @@ impl Default for Lathe {
 fn spline(points: &[(f64, f64)], i: usize, t: f64) -> DVec2 {
     let at = |i: usize| DVec2::new(points[i].0, points[i].1);
     let beyond = |end: DVec2, next: DVec2| {
-        if end.x == 0.0 {
-            DVec2::new(-next.x, next.y)
-        } else {
-            2.0 * end - next
-        }
+        if end.x == 0.0 { DVec2::new(-next.x, next.y) } else { 2.0 * end - next }
     };
     let (b, c) = (at(i), at(i + 1));
     let a = if i > 0 { at(i - 1) } else { beyond(b, c) };
-    let d = if i + 2 < points.len() {
-        at(i + 2)
-    } else {
-        beyond(c, b)
-    };
+    let d = if i + 2 < points.len() { at(i + 2) } else { beyond(c, b) };
     let ta = 0.0;
     let tb = ta + a.distance(b).sqrt();
     let tc = tb + b.distance(c).sqrt();
@@ -178,9 +152,8 @@ impl Lathe {
         // A row of quads, but only one triangle a side at the two poles.
         check_triangles("sides", self.sides, 2 * (rows - 1) * u128::from(self.sides))?;
 
-        let circle: Vec<(f64, f64)> = (0..self.sides)
-            .map(|j| (TAU * f64::from(j) / f64::from(self.sides)).sin_cos())
-            .collect();
+        let circle: Vec<(f64, f64)> =
+            (0..self.sides).map(|j| (TAU * f64::from(j) / f64::from(self.sides)).sin_cos()).collect();
         let mut b = Builder::default();
         for points in pieces {
             let mut previous: Option<Ring> = None;
@@ -213,8 +186,7 @@ impl Lathe {
             _ => spline(points, span, t),
         } * self.height;
         let step = 1e-5;
-        let tangent =
-            spline(points, span, (t + step).min(1.0)) - spline(points, span, (t - step).max(0.0));
+        let tangent = spline(points, span, (t + step).min(1.0)) - spline(points, span, (t - step).max(0.0));
         if p.x == 0.0 {
             // Outside is on the right of the way along the profile: below where it starts, above where it ends.
             let up = if tangent.x > 0.0 { -DVec3::Y } else { DVec3::Y };
@@ -223,10 +195,7 @@ impl Lathe {
         let normal = DVec2::new(tangent.y, -tangent.x).normalize();
         let first = b.positions.len() as u32;
         for &(s, c) in circle {
-            b.vertex(
-                DVec3::new(p.x * c, p.y, p.x * s),
-                DVec3::new(normal.x * c, normal.y, normal.x * s),
-            );
+            b.vertex(DVec3::new(p.x * c, p.y, p.x * s), DVec3::new(normal.x * c, normal.y, normal.x * s));
         }
         Ring::Circle(first)
     }
@@ -264,12 +233,7 @@ mod tests {
     fn every_profile_turns_into_a_closed_body() {
         for &profile in LatheProfile::value_variants() {
             for (sides, steps) in [(3, 1), (16, 2), (48, 5)] {
-                let lathe = Lathe {
-                    profile,
-                    sides,
-                    steps,
-                    ..Lathe::default()
-                };
+                let lathe = Lathe { profile, sides, steps, ..Lathe::default() };
                 let topology = assert_closed(&lathe.build().unwrap());
                 assert_eq!(topology.euler_characteristic, 2, "{profile:?}");
             }
@@ -278,12 +242,7 @@ mod tests {
 
     #[test]
     fn a_wine_glass_is_mostly_air() {
-        let glass = Lathe {
-            sides: 64,
-            ..Lathe::default()
-        }
-        .build()
-        .unwrap();
+        let glass = Lathe { sides: 64, ..Lathe::default() }.build().unwrap();
         let volume = Topology::of(&glass).signed_volume;
         // The bowl alone, were it solid, would hold more than 0.08.
         assert!((0.005..0.02).contains(&volume), "{volume}");

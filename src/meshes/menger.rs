@@ -18,10 +18,7 @@ pub struct Menger {
 
 impl Default for Menger {
     fn default() -> Self {
-        Menger {
-            levels: 3,
-            size: 2.0,
-        }
+        Menger { levels: 3, size: 2.0 }
     }
 }
 
@@ -40,11 +37,7 @@ impl Menger {
     /// Makes the mesh: `4 * 20^levels + 8 * 8^levels` triangles.
     pub fn build(&self) -> Result<Mesh, MeshError> {
         check_count("levels", self.levels, 0, 12)?;
-        check_triangles(
-            "levels",
-            self.levels,
-            4 * 20u128.pow(self.levels) + 8 * 8u128.pow(self.levels),
-        )?;
+        check_triangles("levels", self.levels, 4 * 20u128.pow(self.levels) + 8 * 8u128.pow(self.levels))?;
         check_range("size", self.size, 1e-6, 1e6)?;
 
         let n = 3u32.pow(self.levels);
@@ -67,11 +60,7 @@ impl Menger {
         for axis in 0..3 {
             for positive in [false, true] {
                 let mut neighbour = cell;
-                neighbour[axis] = if positive {
-                    cell[axis] + 1
-                } else {
-                    cell[axis].wrapping_sub(1)
-                };
+                neighbour[axis] = if positive { cell[axis] + 1 } else { cell[axis].wrapping_sub(1) };
                 if neighbour[axis] < n && solid(neighbour) {
                     continue;
                 }
@@ -87,11 +76,7 @@ impl Menger {
                     let place = at.map(|x| self.size * (f64::from(x) / f64::from(n) - 0.5));
                     b.vertex(DVec3::from(place), normal)
                 });
-                if positive {
-                    b.quad(p, q, r, s)
-                } else {
-                    b.quad(p, s, r, q)
-                }
+                if positive { b.quad(p, q, r, s) } else { b.quad(p, s, r, q) }
             }
         }
     }
@@ -106,36 +91,20 @@ mod tests {
     fn sponges_are_closed_and_hold_what_is_left() {
         for levels in 0..4 {
             let mesh = Menger { levels, size: 2.0 }.build().unwrap();
-            assert_eq!(
-                mesh.triangles.len(),
-                4 * 20usize.pow(levels) + 8 * 8usize.pow(levels)
-            );
+            assert_eq!(mesh.triangles.len(), 4 * 20usize.pow(levels) + 8 * 8usize.pow(levels));
             let topology = assert_closed(&mesh);
             let left = 8.0 * (20.0f64 / 27.0).powi(levels as i32);
             assert!((topology.signed_volume - left).abs() < 1e-4, "{topology:?}");
             if levels < 2 {
                 // A cube; then five tunnels: six openings meet in one chamber.
-                assert_eq!(
-                    topology.euler_characteristic,
-                    [2, 2 - 2 * 5][levels as usize]
-                );
+                assert_eq!(topology.euler_characteristic, [2, 2 - 2 * 5][levels as usize]);
             }
         }
     }
 
     #[test]
     fn too_many_levels_are_refused() {
-        let error = Menger {
-            levels: 6,
-            size: 2.0,
-        }
-        .build()
-        .unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .starts_with("--levels: found 6, which makes"),
-            "{error}"
-        );
+        let error = Menger { levels: 6, size: 2.0 }.build().unwrap_err();
+        assert!(error.to_string().starts_with("--levels: found 6, which makes"), "{error}");
     }
 }

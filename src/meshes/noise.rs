@@ -17,9 +17,7 @@ pub(super) struct Noise {
 
 impl Noise {
     pub(super) fn new(seed: u32) -> Noise {
-        Noise {
-            key: pcg(seed ^ 0x5bd1_e995),
-        }
+        Noise { key: pcg(seed ^ 0x5bd1_e995) }
     }
 
     /// The `index`th number of the sequence, uniform in [0, 1).
@@ -49,20 +47,11 @@ impl Noise {
         let (x, y, z) = (cell.x as i64, cell.y as i64, cell.z as i64);
         let w = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
         let at = |i: i64, j: i64, k: i64| {
-            self.corner(
-                x + i,
-                y + j,
-                z + k,
-                f - DVec3::new(i as f64, j as f64, k as f64),
-            )
+            self.corner(x + i, y + j, z + k, f - DVec3::new(i as f64, j as f64, k as f64))
         };
         let lerp = |a: f64, b: f64, t: f64| a + t * (b - a);
         let row = |j: i64, k: i64| lerp(at(0, j, k), at(1, j, k), w.x);
-        lerp(
-            lerp(row(0, 0), row(1, 0), w.y),
-            lerp(row(0, 1), row(1, 1), w.y),
-            w.z,
-        )
+        lerp(lerp(row(0, 0), row(1, 0), w.y), lerp(row(0, 1), row(1, 1), w.y), w.z)
     }
 
     /// Fractal sum of `octaves` of gradient noise, each twice as fine and half as strong as the last; about [-1, 1].

@@ -1,70 +1,35 @@
 //! Writes meshes as binary PLY.
 
+use crate::atomic_file::write_whole;
 use crate::scene::Mesh;
-use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::{self, Write};
+use std::path::Path;
 
-/// Writes a mesh to `path` as binary little-endian PLY.
-///
-/// The file appears whole or not at all: it is written beside its place under a temporary name and then renamed.
+/// Writes a mesh to `path` as binary little-endian PLY. The file appears whole or not at all.
 pub fn write(path: &Path, mesh: &Mesh) -> io::Result<()> {
-    let mut name = path
-        .file_name()
-        .ok_or(io::ErrorKind::InvalidFilename)?
-        .to_owned();
-    name.push(format!(".{}.tmp", std::process::id()));
-    let temporary: PathBuf = path.with_file_name(name);
-    let result = File::create(&temporary)
-        .and_then(|file| {
-            let mut out = BufWriter::with_capacity(1 << 16, file);
-            encode(&mut out, mesh)?;
-            out.into_inner()?.sync_all()
-        })
-        .and_then(|()| fs::rename(&temporary, path));
-    if result.is_err() {
-        // Best effort: the first error is the one to report.
-        let _ = fs::remove_file(&temporary);
-    }
-    result
+    write_whole(path, |out| encode(out, mesh))
 }
 
 /// Writes a mesh as binary little-endian PLY: vertices `x y z`, `nx ny nz` if it has normals, `u v` if it has texture
 /// coordinates; faces `list uchar int vertex_indices`. All floats are 32 bits wide.
 ///
 /// Fails with `InvalidInput` if the mesh has more vertices or triangles than PLY's signed indices reach.
-pub fn encode(out: &mut impl Write, mesh: &Mesh) -> io::Result<()> {
+pub fn encode(out: &mut (impl Write + ?Sized), mesh: &Mesh) -> io::Result<()> {
     let (vertices, faces) = (mesh.positions.len(), mesh.triangles.len());
     if vertices > i32::MAX as usize || faces > i32::MAX as usize {
         let message = "a PLY file holds at most 2147483647 vertices and as many faces";
         return Err(io::Error::new(io::ErrorKind::InvalidInput, message));
     }
-    writeln!(
-        out,
-        "ply\nformat binary_little_endian 1.0\ncomment made by wavepath mesh"
-    )?;
-    writeln!(
-        out,
-        "element vertex {vertices}\nproperty float x\nproperty float y\nproperty float z"
-    )?;
+    writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment made by wavepath mesh")?;
+    writeln!(out, "element vertex {vertices}\nproperty float x\nproperty float y\nproperty float z")?;
     if !mesh.normals.is_empty() {
-        writeln!(
-            out,
-            "property float nx\nproperty float ny\nproperty float nz"
-        )?;
+        writeln!(out, "property float nx\nproperty float ny\nproperty float nz")?;
     }
     if !mesh.uvs.is_empty() {
         writeln!(out, "property float u\nproperty float v")?;
     }
-    writeln!(
-        out,
-        "element face {faces}\nproperty list uchar int vertex_indices\nend_header"
-    )?;
-    let mut floats = |values: &[f32]| {
-        values
-            .iter()
-            .try_for_each(|x| out.write_all(&x.to_le_bytes()))
-    };
+    writeln!(out, "element face {faces}\nproperty list uchar int vertex_indices\nend_header")?;
+    let mut floats = |values: &[f32]| values.iter().try_for_each(|x| out.write_all(&x.to_le_bytes()));
     for (i, position) in mesh.positions.iter().enumerate() {
         floats(position)?;
         if let Some(normal) = mesh.normals.get(i) {
@@ -87,11 +52,7 @@ pub fn encode(out: &mut impl Write, mesh: &Mesh) -> io::Result<()> {
 /// Reads back what [`encode`] wrote, and nothing else.
 #[cfg(test)]
 pub(super) fn decode(bytes: &[u8]) -> Mesh {
-    let end = bytes
-        .windows(11)
-        .position(|w| w == b"end_header\n")
-        .unwrap()
-        + 11;
+    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     let header = std::str::from_utf8(&bytes[..end]).unwrap();
     let count = |element: &str| -> usize {
         let line = header.lines().find(|l| l.starts_with(element)).unwrap();
@@ -101,15 +62,12 @@ pub(super) fn decode(bytes: &[u8]) -> Mesh {
     let mut four = || -> [u8; 4] { std::array::from_fn(|_| rest.next().unwrap()) };
     let mut mesh = Mesh::default();
     for _ in 0..count("element vertex") {
-        mesh.positions
-            .push(std::array::from_fn(|_| f32::from_le_bytes(four())));
+        mesh.positions.push(std::array::from_fn(|_| f32::from_le_bytes(four())));
         if header.contains("float nx") {
-            mesh.normals
-                .push(std::array::from_fn(|_| f32::from_le_bytes(four())));
+            mesh.normals.push(std::array::from_fn(|_| f32::from_le_bytes(four())));
         }
         if header.contains("float u") {
-            mesh.uvs
-                .push(std::array::from_fn(|_| f32::from_le_bytes(four())));
+            mesh.uvs.push(std::array::from_fn(|_| f32::from_le_bytes(four())));
         }
     }
     for _ in 0..count("element face") {
@@ -125,29 +83,15 @@ pub(super) fn decode(bytes: &[u8]) -> Mesh {
 mod tests {
     use super::super::{Terrain, TorusKnot};
     use super::*;
+    use std::fs;
 
     #[test]
     fn what_is_written_is_read_back() {
         let mut meshes = vec![
-            Terrain {
-                cells: 5,
-                uv: true,
-                ..Terrain::default()
-            }
-            .build()
-            .unwrap(),
-            TorusKnot {
-                segments: 30,
-                sides: 4,
-                ..TorusKnot::default()
-            }
-            .build()
-            .unwrap(),
+            Terrain { cells: 5, uv: true, ..Terrain::default() }.build().unwrap(),
+            TorusKnot { segments: 30, sides: 4, ..TorusKnot::default() }.build().unwrap(),
         ];
-        meshes.push(Mesh {
-            normals: Vec::new(),
-            ..meshes[1].clone()
-        });
+        meshes.push(Mesh { normals: Vec::new(), ..meshes[1].clone() });
         for mesh in meshes {
             let mut bytes = Vec::new();
             encode(&mut bytes, &mesh).unwrap();
@@ -159,13 +103,7 @@ mod tests {
     fn a_file_appears_whole_and_leaves_nothing_beside_it() {
         let folder = std::env::temp_dir().join(format!("wavepath-ply-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
-        let mesh = TorusKnot {
-            segments: 30,
-            sides: 4,
-            ..TorusKnot::default()
-        }
-        .build()
-        .unwrap();
+        let mesh = TorusKnot { segments: 30, sides: 4, ..TorusKnot::default() }.build().unwrap();
         let path = folder.join("knot.ply");
         write(&path, &mesh).unwrap();
         assert_eq!(decode(&fs::read(&path).unwrap()), mesh);
@@ -173,10 +111,7 @@ mod tests {
         fs::create_dir(folder.join("taken")).unwrap();
         assert!(write(&folder.join("taken"), &mesh).is_err());
         assert!(write(&folder.join("no/such/folder.ply"), &mesh).is_err());
-        let mut names: Vec<_> = fs::read_dir(&folder)
-            .unwrap()
-            .map(|e| e.unwrap().file_name())
-            .collect();
+        let mut names: Vec<_> = fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
         names.sort();
         assert_eq!(names, ["knot.ply", "taken"]);
         fs::remove_dir_all(&folder).unwrap();

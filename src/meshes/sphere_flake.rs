@@ -26,11 +26,7 @@ pub struct SphereFlake {
 
 impl Default for SphereFlake {
     fn default() -> Self {
-        SphereFlake {
-            levels: 3,
-            radius: 1.0,
-            frequency: 12,
-        }
+        SphereFlake { levels: 3, radius: 1.0, frequency: 12 }
     }
 }
 
@@ -45,9 +41,8 @@ impl SphereFlake {
         check_count("levels", self.levels, 0, 8)?;
         check_range("radius", self.radius, 1e-6, 1e6)?;
         check_count("frequency", self.frequency, 1, 10_000)?;
-        let triangles = (0..=self.levels)
-            .map(|l| 9u128.pow(l) * icosphere_triangles(self.frequency_at(l)))
-            .sum();
+        let triangles =
+            (0..=self.levels).map(|l| 9u128.pow(l) * icosphere_triangles(self.frequency_at(l))).sum();
         check_triangles("levels", self.levels, triangles)?;
 
         let mut b = Builder::default();
@@ -62,8 +57,7 @@ impl SphereFlake {
                 for &n in &points {
                     b.vertex(center + radius * n, n);
                 }
-                b.triangles
-                    .extend(triangles.iter().map(|t| t.map(|i| i + base)));
+                b.triangles.extend(triangles.iter().map(|t| t.map(|i| i + base)));
                 if level == self.levels {
                     continue;
                 }
@@ -93,11 +87,7 @@ mod tests {
     #[test]
     fn a_flake_is_as_many_closed_spheres_as_it_should_be() {
         for (levels, spheres) in [(0, 1), (1, 10), (2, 91), (3, 820)] {
-            let flake = SphereFlake {
-                levels,
-                frequency: 4,
-                ..SphereFlake::default()
-            };
+            let flake = SphereFlake { levels, frequency: 4, ..SphereFlake::default() };
             let topology = assert_closed(&flake.build().unwrap());
             assert_eq!(topology.euler_characteristic, 2 * spheres);
         }
@@ -105,17 +95,7 @@ mod tests {
 
     #[test]
     fn too_many_levels_are_refused() {
-        let error = SphereFlake {
-            levels: 8,
-            ..SphereFlake::default()
-        }
-        .build()
-        .unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .starts_with("--levels: found 8, which makes"),
-            "{error}"
-        );
+        let error = SphereFlake { levels: 8, ..SphereFlake::default() }.build().unwrap_err();
+        assert!(error.to_string().starts_with("--levels: found 8, which makes"), "{error}");
     }
 }

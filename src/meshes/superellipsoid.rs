@@ -27,12 +27,7 @@ pub struct Superellipsoid {
 
 impl Default for Superellipsoid {
     fn default() -> Self {
-        Superellipsoid {
-            north: 0.5,
-            east: 0.5,
-            radii: vec![1.0; 3],
-            cells: 32,
-        }
+        Superellipsoid { north: 0.5, east: 0.5, radii: vec![1.0; 3], cells: 32 }
     }
 }
 
@@ -48,10 +43,7 @@ impl Superellipsoid {
         let (lattice, triangles) = lattice(self.cells);
         let (around, along) = (2.0 / self.east, 2.0 / self.north);
         let ratio = self.east / self.north;
-        let mut b = Builder {
-            triangles,
-            ..Builder::default()
-        };
+        let mut b = Builder { triangles, ..Builder::default() };
         for k in lattice {
             let n = f64::from(self.cells);
             let p = DVec3::from(k.map(|i| (2.0 * f64::from(i) - n) / n));
@@ -60,23 +52,12 @@ impl Superellipsoid {
             let value = ring.powf(ratio) + p.y.abs().powf(along);
             let on = p * value.powf(-0.5 * self.north);
             // Gradient, up to a factor.
-            let outer = if ring > 0.0 {
-                ring.powf(ratio - 1.0)
-            } else {
-                0.0
-            };
+            let outer = if ring > 0.0 { ring.powf(ratio - 1.0) } else { 0.0 };
             let slope = |x: f64, power: f64| {
-                if x == 0.0 {
-                    0.0
-                } else {
-                    x.signum() * x.abs().powf(power - 1.0)
-                }
+                if x == 0.0 { 0.0 } else { x.signum() * x.abs().powf(power - 1.0) }
             };
-            let gradient = DVec3::new(
-                outer * slope(p.x, around),
-                slope(p.y, along),
-                outer * slope(p.z, around),
-            );
+            let gradient =
+                DVec3::new(outer * slope(p.x, around), slope(p.y, along), outer * slope(p.z, around));
             b.vertex(on * radii, (gradient / radii).normalize());
         }
         Ok(b.finish())
@@ -90,19 +71,12 @@ mod tests {
 
     #[test]
     fn exponents_of_one_make_an_ellipsoid() {
-        let ball = Superellipsoid {
-            north: 1.0,
-            east: 1.0,
-            radii: vec![1.0, 2.0, 3.0],
-            ..Superellipsoid::default()
-        };
+        let ball =
+            Superellipsoid { north: 1.0, east: 1.0, radii: vec![1.0, 2.0, 3.0], ..Superellipsoid::default() };
         let mesh = ball.build().unwrap();
         let topology = assert_closed(&mesh);
         assert_eq!(topology.euler_characteristic, 2);
-        assert!(
-            (topology.signed_volume / (8.0 * std::f64::consts::PI) - 1.0).abs() < 5e-3,
-            "{topology:?}"
-        );
+        assert!((topology.signed_volume / (8.0 * std::f64::consts::PI) - 1.0).abs() < 5e-3, "{topology:?}");
         for (p, n) in mesh.positions.iter().zip(&mesh.normals) {
             let exact = glam::Vec3::new(p[0], p[1] / 4.0, p[2] / 9.0).normalize();
             assert!(exact.distance(glam::Vec3::from(*n)) < 1e-5);
@@ -114,16 +88,8 @@ mod tests {
         for north in [0.1, 0.5, 1.0, 1.7, 2.0] {
             for east in [0.1, 0.5, 1.0, 1.7, 2.0] {
                 for cells in [3, 10, 21] {
-                    let shape = Superellipsoid {
-                        north,
-                        east,
-                        cells,
-                        ..Superellipsoid::default()
-                    };
-                    assert_eq!(
-                        assert_closed(&shape.build().unwrap()).euler_characteristic,
-                        2
-                    );
+                    let shape = Superellipsoid { north, east, cells, ..Superellipsoid::default() };
+                    assert_eq!(assert_closed(&shape.build().unwrap()).euler_characteristic, 2);
                 }
             }
         }
@@ -133,41 +99,11 @@ mod tests {
     fn bad_parameters_are_refused_by_name() {
         let good = Superellipsoid::default();
         for (bad, option) in [
-            (
-                Superellipsoid {
-                    north: 0.0,
-                    ..good.clone()
-                },
-                "north",
-            ),
-            (
-                Superellipsoid {
-                    east: f64::NAN,
-                    ..good.clone()
-                },
-                "east",
-            ),
-            (
-                Superellipsoid {
-                    radii: vec![1.0, 2.0],
-                    ..good.clone()
-                },
-                "radii",
-            ),
-            (
-                Superellipsoid {
-                    radii: vec![1.0, -2.0, 1.0],
-                    ..good.clone()
-                },
-                "radii",
-            ),
-            (
-                Superellipsoid {
-                    cells: 1 << 20,
-                    ..good.clone()
-                },
-                "cells",
-            ),
+            (Superellipsoid { north: 0.0, ..good.clone() }, "north"),
+            (Superellipsoid { east: f64::NAN, ..good.clone() }, "east"),
+            (Superellipsoid { radii: vec![1.0, 2.0], ..good.clone() }, "radii"),
+            (Superellipsoid { radii: vec![1.0, -2.0, 1.0], ..good.clone() }, "radii"),
+            (Superellipsoid { cells: 1 << 20, ..good.clone() }, "cells"),
         ] {
             let message = bad.build().unwrap_err().to_string();
             assert!(message.starts_with(&format!("--{option}: ")), "{message}");

@@ -99,17 +99,10 @@ impl Terrain {
             }
         }
         let normals = smooth_normals(&positions, &triangles);
-        let mut mesh = Builder {
-            positions,
-            normals,
-            triangles,
-        }
-        .finish();
+        let mut mesh = Builder { positions, normals, triangles }.finish();
         if self.uv {
             let at = |k: u32| (f64::from(k) / f64::from(n)) as f32;
-            mesh.uvs = (0..side)
-                .flat_map(|j| (0..side).map(move |i| [at(i), at(j)]))
-                .collect();
+            mesh.uvs = (0..side).flat_map(|j| (0..side).map(move |i| [at(i), at(j)])).collect();
         }
         Ok(mesh)
     }
@@ -122,11 +115,7 @@ mod tests {
 
     #[test]
     fn terrain_is_one_sheet_that_looks_up() {
-        let terrain = Terrain {
-            cells: 60,
-            uv: true,
-            ..Terrain::default()
-        };
+        let terrain = Terrain { cells: 60, uv: true, ..Terrain::default() };
         let mesh = terrain.build().unwrap();
         let topology = assert_sound(&mesh);
         assert_eq!(mesh.triangles.len(), 2 * 60 * 60);
@@ -134,35 +123,15 @@ mod tests {
         assert_eq!(topology.euler_characteristic, 1);
         assert!(mesh.normals.iter().all(|n| n[1] > 0.0));
         assert!(mesh.positions.iter().all(|p| (0.0..=2.0).contains(&p[1])));
-        assert_eq!(
-            (mesh.uvs[0], mesh.uvs[61 * 61 - 1]),
-            ([0.0, 0.0], [1.0, 1.0])
-        );
+        assert_eq!((mesh.uvs[0], mesh.uvs[61 * 61 - 1]), ([0.0, 0.0], [1.0, 1.0]));
         let heights = mesh.positions.iter().map(|p| p[1]);
         assert!(heights.clone().fold(0.0, f32::max) - heights.fold(9.0, f32::min) > 0.5);
     }
 
     #[test]
     fn too_fine_a_terrain_is_refused_before_it_is_made() {
-        let error = Terrain {
-            cells: 1 << 20,
-            ..Terrain::default()
-        }
-        .build()
-        .unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .starts_with("--cells: found 1048576, which makes"),
-            "{error}"
-        );
-        assert!(
-            Terrain {
-                cells: 0,
-                ..Terrain::default()
-            }
-            .build()
-            .is_err()
-        );
+        let error = Terrain { cells: 1 << 20, ..Terrain::default() }.build().unwrap_err();
+        assert!(error.to_string().starts_with("--cells: found 1048576, which makes"), "{error}");
+        assert!(Terrain { cells: 0, ..Terrain::default() }.build().is_err());
     }
 }

@@ -33,14 +33,11 @@ impl Topology {
             .map(|p| {
                 let next = by_position.len() as u32;
                 // Adding 0 turns -0 into +0.
-                *by_position
-                    .entry(p.map(|x| (x + 0.0).to_bits()))
-                    .or_insert(next)
+                *by_position.entry(p.map(|x| (x + 0.0).to_bits())).or_insert(next)
             })
             .collect();
 
-        let mut edges: HashMap<(u32, u32), [u32; 2]> =
-            HashMap::with_capacity(mesh.triangles.len() * 3 / 2);
+        let mut edges: HashMap<(u32, u32), [u32; 2]> = HashMap::with_capacity(mesh.triangles.len() * 3 / 2);
         let (mut collapsed_faces, mut signed_volume) = (0, 0.0);
         for t in &mesh.triangles {
             let [a, b, c] = t.map(|i| DVec3::from(mesh.positions[i as usize].map(f64::from)));
@@ -59,8 +56,7 @@ impl Topology {
             faces: mesh.triangles.len(),
             open_edges: edges.values().filter(|uses| **uses != [1, 1]).count(),
             collapsed_faces,
-            euler_characteristic: vertices as i64 - edges.len() as i64
-                + mesh.triangles.len() as i64,
+            euler_characteristic: vertices as i64 - edges.len() as i64 + mesh.triangles.len() as i64,
             signed_volume,
         }
     }
@@ -85,14 +81,8 @@ pub(super) fn assert_sound(mesh: &Mesh) -> Topology {
     for t in &mesh.triangles {
         let [a, b, c] = t.map(|i| DVec3::from(mesh.positions[i as usize].map(f64::from)));
         let face = (b - a).cross(c - a);
-        let mean: DVec3 = t
-            .iter()
-            .map(|&i| DVec3::from(mesh.normals[i as usize].map(f64::from)))
-            .sum();
-        assert!(
-            face.dot(mean) > 0.0,
-            "normals of {t:?} look inwards: {a} {b} {c} {mean}"
-        );
+        let mean: DVec3 = t.iter().map(|&i| DVec3::from(mesh.normals[i as usize].map(f64::from))).sum();
+        assert!(face.dot(mean) > 0.0, "normals of {t:?} look inwards: {a} {b} {c} {mean}");
         for &i in t {
             used[i as usize] = true;
         }
@@ -116,12 +106,7 @@ mod tests {
 
     fn tetrahedron() -> Mesh {
         Mesh {
-            positions: vec![
-                [0.0, 0.0, 0.0],
-                [1.0, 0.0, 0.0],
-                [0.0, 1.0, 0.0],
-                [0.0, 0.0, 1.0],
-            ],
+            positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
             triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
             ..Mesh::default()
         }

@@ -37,15 +37,7 @@ pub struct TorusKnot {
 
 impl Default for TorusKnot {
     fn default() -> Self {
-        TorusKnot {
-            p: 2,
-            q: 3,
-            radius: 1.0,
-            distance: 0.45,
-            tube: 0.22,
-            segments: 384,
-            sides: 32,
-        }
+        TorusKnot { p: 2, q: 3, radius: 1.0, distance: 0.45, tube: 0.22, segments: 384, sides: 32 }
     }
 }
 
@@ -59,27 +51,14 @@ impl TorusKnot {
         check_count("p", self.p, 1, 1000)?;
         check_count("q", self.q, 1, 1000)?;
         if gcd(self.p, self.q) != 1 {
-            return Err(bad(
-                "q",
-                self.q,
-                format!("a number without a common divisor with --p {}", self.p),
-            ));
+            return Err(bad("q", self.q, format!("a number without a common divisor with --p {}", self.p)));
         }
         check_range("radius", self.radius, 1e-6, 1e6)?;
-        check_range(
-            "distance",
-            self.distance,
-            1e-3 * self.radius,
-            0.999 * self.radius,
-        )?;
+        check_range("distance", self.distance, 1e-3 * self.radius, 0.999 * self.radius)?;
         check_range("tube", self.tube, 1e-4 * self.distance, self.distance)?;
         check_count("segments", self.segments, 3, 1 << 26)?;
         check_count("sides", self.sides, 3, 1 << 26)?;
-        check_triangles(
-            "segments",
-            self.segments,
-            2 * u128::from(self.segments) * u128::from(self.sides),
-        )?;
+        check_triangles("segments", self.segments, 2 * u128::from(self.segments) * u128::from(self.sides))?;
 
         let mut b = Builder::default();
         let (p, q) = (f64::from(self.p), f64::from(self.q));
@@ -123,14 +102,7 @@ mod tests {
     #[test]
     fn knots_are_closed_tubes_of_the_expected_volume() {
         for (p, q) in [(1, 1), (2, 3), (3, 2), (3, 5), (5, 2)] {
-            let knot = TorusKnot {
-                p,
-                q,
-                tube: 0.05,
-                segments: 2000,
-                sides: 24,
-                ..TorusKnot::default()
-            };
+            let knot = TorusKnot { p, q, tube: 0.05, segments: 2000, sides: 24, ..TorusKnot::default() };
             let mesh = knot.build().unwrap();
             let topology = assert_closed(&mesh);
             assert_eq!(topology.euler_characteristic, 0);
@@ -142,14 +114,9 @@ mod tests {
                 let (s, c) = (f64::from(p) * t).sin_cos();
                 DVec3::new(ring * c, knot.distance * (f64::from(q) * t).sin(), ring * s)
             };
-            let length: f64 = (0..points)
-                .map(|i| at(i).distance(at((i + 1) % points)))
-                .sum();
+            let length: f64 = (0..points).map(|i| at(i).distance(at((i + 1) % points))).sum();
             let section = 0.5 * 24.0 * (TAU / 24.0).sin() * knot.tube * knot.tube;
-            assert!(
-                (topology.signed_volume / (section * length) - 1.0).abs() < 1e-3,
-                "{p} {q} {topology:?}"
-            );
+            assert!((topology.signed_volume / (section * length) - 1.0).abs() < 1e-3, "{p} {q} {topology:?}");
         }
     }
 
@@ -160,49 +127,11 @@ mod tests {
             assert!(message.starts_with(&format!("--{option}: ")), "{message}");
         };
         let knot = TorusKnot::default();
-        fails(
-            TorusKnot {
-                p: 0,
-                ..knot.clone()
-            },
-            "p",
-        );
-        fails(
-            TorusKnot {
-                p: 2,
-                q: 4,
-                ..knot.clone()
-            },
-            "q",
-        );
-        fails(
-            TorusKnot {
-                segments: 0,
-                ..knot.clone()
-            },
-            "segments",
-        );
-        fails(
-            TorusKnot {
-                sides: 2,
-                ..knot.clone()
-            },
-            "sides",
-        );
-        fails(
-            TorusKnot {
-                tube: f64::NAN,
-                ..knot.clone()
-            },
-            "tube",
-        );
-        fails(
-            TorusKnot {
-                segments: 1 << 26,
-                sides: 1 << 26,
-                ..knot.clone()
-            },
-            "segments",
-        );
+        fails(TorusKnot { p: 0, ..knot.clone() }, "p");
+        fails(TorusKnot { p: 2, q: 4, ..knot.clone() }, "q");
+        fails(TorusKnot { segments: 0, ..knot.clone() }, "segments");
+        fails(TorusKnot { sides: 2, ..knot.clone() }, "sides");
+        fails(TorusKnot { tube: f64::NAN, ..knot.clone() }, "tube");
+        fails(TorusKnot { segments: 1 << 26, sides: 1 << 26, ..knot.clone() }, "segments");
     }
 }
