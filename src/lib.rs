@@ -10,6 +10,7 @@ pub mod engine;
 pub mod film;
 pub mod interrupt;
 pub mod machine;
+pub mod meshes;
 pub mod picture;
 pub mod plan;
 pub mod progress;
