@@ -14,6 +14,9 @@ const BUFFER: usize = 1 << 18;
 /// Longest token. Longer ones are binary rubbish, and would have to be held in memory.
 const MAX_TOKEN: usize = 1 << 16;
 
+/// Windows' editors put it before UTF-8 text.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
 /// What a token is.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum TokenKind {
@@ -47,11 +50,15 @@ impl Token {
     }
 }
 
-/// Cuts a text of unknown length to what fits into a message.
+/// Cuts a text of unknown length and content to what fits into a message.
 pub(crate) fn shorten(text: &str) -> String {
     const LONGEST: usize = 60;
+    let text: String = text
+        .chars()
+        .map(|c| if c.is_control() { '\u{fffd}' } else { c })
+        .collect();
     if text.chars().count() <= LONGEST {
-        return text.to_string();
+        return text;
     }
     text.chars().take(LONGEST).chain("...".chars()).collect()
 }
@@ -196,6 +203,11 @@ impl Lexer {
     /// The next token as a range of the buffer. `position` moves behind it.
     fn scan(&mut self) -> Result<(Form, usize, usize)> {
         self.skip_space_and_comments()?;
+        let at_start = self.base + self.position as u64 == 0;
+        if at_start && self.buffer[..self.filled].starts_with(BYTE_ORDER_MARK) {
+            self.position += BYTE_ORDER_MARK.len();
+            self.skip_space_and_comments()?;
+        }
         if self.position == self.filled {
             return Ok((Form::End, self.position, self.position));
         }

@@ -2,10 +2,10 @@
 //!
 //! The way of a scene:
 //!
-//! 1. [`lexer`] streams tokens with their places out of a file, compressed or not;
-//! 2. [`parser`] knows the format: it follows `Include`, and yields directives with typed parameters;
-//! 3. [`target`] knows wavepath: it turns directives into a [`SceneDescription`], with the help of [`ply`]
-//!    (meshes), [`spectra`] (colours) and [`transform`].
+//! 1. `lexer` streams tokens with their places out of a file, compressed or not;
+//! 2. `parser` knows the format: it follows `Include`, and yields directives with typed parameters;
+//! 3. `target` knows wavepath: it turns directives into a [`SceneDescription`], with the help of `ply`
+//!    (meshes), `spectra` (colours) and `transform`.
 //!
 //! The parser knows nothing of what wavepath supports, and the target nothing of brackets and quotes.
 //!
@@ -31,6 +31,7 @@ mod dialect;
 mod error;
 mod graphics_state;
 mod lexer;
+mod memory;
 mod parameters;
 mod parser;
 mod ply;

@@ -390,11 +390,11 @@ impl Parameters {
     }
 
     /// A complaint for each parameter that nobody asked for. `what` is the directive, such as `shape "sphere"`.
-    pub(crate) fn unused(&self, what: &str) -> Vec<Box<Problem>> {
+    pub(crate) fn unused(&self, what: &str) -> Vec<Problem> {
         self.own
             .iter()
             .filter(|p| !p.used.get())
-            .map(|p| self.unused_problem(p, what))
+            .map(|p| *self.unused_problem(p, what))
             .collect()
     }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::error::{Place, Problem, Result, Span};
 use super::lexer::{Lexer, Token, TokenKind, Value, parse_number, shorten};
+use super::memory;
 use super::parameters::{Parameter, ParameterType, Parameters, Values};
 use super::source::Sources;
 use super::suggest::did_you_mean;
@@ -592,6 +593,9 @@ struct ValueSink<'a> {
     declaration: &'a Token,
     values: Option<Values>,
     quoted_bool: bool,
+    count: u64,
+    /// Most values that memory holds; a small compressed file can hold very many.
+    most: u64,
 }
 
 impl<'a> ValueSink<'a> {
@@ -609,10 +613,18 @@ impl<'a> ValueSink<'a> {
             declaration,
             values,
             quoted_bool: false,
+            count: 0,
+            most: memory::limit() / size_of::<f64>() as u64,
         }
     }
 
     fn push_word(&mut self, bytes: &[u8], span: Span) -> Result<()> {
+        self.count += 1;
+        if self.count > self.most {
+            let limit = memory::in_gib(memory::limit());
+            return Err(Problem::at(span, "too many values")
+                .label(format!("the values up to here need more than {limit}")));
+        }
         match self
             .values
             .get_or_insert_with(|| Values::Numbers(Vec::new()))

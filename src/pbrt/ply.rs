@@ -6,10 +6,15 @@
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
+use super::memory;
 use super::source::open_maybe_gzipped;
 
 /// Longest line of a header or word of a body.
 const MAX_WORD: usize = 4096;
+
+/// Bytes of a vertex, and of a quad, in memory.
+const PER_VERTEX: u64 = 64;
+const PER_FACE: u64 = 24;
 
 /// Most lines of a header.
 const MAX_HEADER_LINES: usize = 10_000;
@@ -454,7 +459,11 @@ fn read_vertices<R: Read>(body: &mut Body<R>, element: &Element, mesh: &mut PlyM
         return Err(body.input.error("the vertices have no x, y and z"));
     }
     let (has_normals, has_uvs) = (has(3..6), has(6..8));
-    for _ in 0..element.count {
+    let most = memory::limit() / PER_VERTEX;
+    for i in 0..element.count {
+        if i > most {
+            return Err(body.input.error("too many vertices for the memory"));
+        }
         let mut values = [0.0; 8];
         for (property, slot) in element.properties.iter().zip(&slots) {
             match (property.ty, *slot) {
@@ -487,6 +496,7 @@ fn read_faces<R: Read>(
     mesh: &mut PlyMesh,
     vertices: Option<usize>,
 ) -> Result<()> {
+    let most = memory::limit() / PER_FACE;
     let is_indices = |p: &Property| {
         matches!(p.ty, PropertyType::List { .. })
             && matches!(p.name.as_str(), "vertex_indices" | "vertex_index")
@@ -496,7 +506,10 @@ fn read_faces<R: Read>(
             .input
             .error("the faces have no list \"vertex_indices\""));
     }
-    for _ in 0..element.count {
+    for i in 0..element.count {
+        if i > most {
+            return Err(body.input.error("too many faces for the memory"));
+        }
         for property in &element.properties {
             match property.ty {
                 PropertyType::List { count, item } if is_indices(property) => {

@@ -40,7 +40,7 @@ impl Builder {
         let radiance = self.light_color(parameters, "L")?;
         let emission = Emission {
             radiance: rgb32(radiance, parameters, "L")?,
-            power: positive(parameters, "power")?.map(|power| power as f32),
+            power: power(parameters)?,
             two_sided: parameters.bool_or("twosided", false)?,
         };
         parameters.accept(&["samples", "nsamples"]);
@@ -183,6 +183,17 @@ impl Builder {
 /// A number that counts if it is above 0; pbrt ignores others.
 fn positive(parameters: &Parameters, name: &'static str) -> Result<Option<f64>> {
     Ok(parameters.float(name)?.filter(|value| *value > 0.0))
+}
+
+/// The power of an area light, which is applied where its area is known.
+fn power(parameters: &Parameters) -> Result<Option<f32>> {
+    let power = positive(parameters, "power")?.map(|power| power as f32);
+    match power {
+        Some(value) if !value.is_finite() => {
+            Err(parameters.bad("power", "too large", "expected a number below 3e38"))
+        }
+        _ => Ok(power),
+    }
 }
 
 /// Complains about a parameter that is given and has any effect.

@@ -1,7 +1,7 @@
 //! Turns directives into a [`SceneDescription`]: the step that knows what wavepath supports.
 //!
-//! One file per kind of thing: [`options`] (camera, film, filter, sampler, integrator), [`values`] (parameters that
-//! are colours or textures), [`materials`], [`lights`], [`shapes`], [`objects`] (instances). This file keeps the
+//! One file per kind of thing: `options` (camera, film, filter, sampler, integrator), `values` (parameters that
+//! are colours or textures), `materials`, `lights`, `shapes`, `objects` (instances). This file keeps the
 //! state, the order of directives and the complaints.
 
 mod lights;
@@ -71,7 +71,7 @@ impl Block {
 /// A finished scene.
 pub(crate) struct Finished {
     pub scene: SceneDescription,
-    pub warnings: Vec<Box<Problem>>,
+    pub warnings: Vec<Problem>,
     pub inputs: Vec<PathBuf>,
 }
 
@@ -79,10 +79,10 @@ pub(crate) struct Finished {
 pub(crate) struct Builder {
     scene: SceneDescription,
     dialect: Dialect,
-    warnings: Vec<Box<Problem>>,
+    warnings: Vec<Problem>,
     suppressed_warnings: usize,
     /// Mistakes that are errors in v4 and warnings in v3, found before the version was known.
-    deferred: Vec<Box<Problem>>,
+    deferred: Vec<Problem>,
     /// Files read besides scene files.
     inputs: Vec<PathBuf>,
     /// Of the main file, and of the file of the present directive.
@@ -280,16 +280,15 @@ impl Builder {
             })?,
             TransformOp::Rotate([angle, x, y, z]) => transform::rotate(*angle, [*x, *y, *z])
                 .ok_or_else(|| bad("the axis has no direction"))?,
-            TransformOp::LookAt([ex, ey, ez, lx, ly, lz, ux, uy, uz]) => transform::look_at(
-                [*ex, *ey, *ez],
-                [*lx, *ly, *lz],
-                [*ux, *uy, *uz],
-            )
-            .ok_or_else(|| {
-                bad("no direction follows from these points").label(
+            TransformOp::LookAt([ex, ey, ez, lx, ly, lz, ux, uy, uz]) => {
+                transform::look_at([*ex, *ey, *ez], [*lx, *ly, *lz], [*ux, *uy, *uz]).ok_or_else(
+                    || {
+                        bad("no direction follows from these points").label(
                     "expected two different points and an up vector not parallel to the view",
                 )
-            })?,
+                    },
+                )?
+            }
             TransformOp::Transform(m) | TransformOp::ConcatTransform(m) => transform::matrix(m)
                 .map_err(|error| match error {
                     MatrixError::Projective => bad("the matrix is projective")
@@ -439,9 +438,13 @@ impl Builder {
         Ok(())
     }
 
+    #[expect(
+        clippy::boxed_local,
+        reason = "problems are made boxed, for the sake of `Result`"
+    )]
     fn warn(&mut self, problem: Box<Problem>) {
         if self.warnings.len() < MAX_WARNINGS {
-            self.warnings.push(problem);
+            self.warnings.push(*problem);
         } else {
             self.suppressed_warnings += 1;
         }
@@ -451,10 +454,10 @@ impl Builder {
     fn check_unused(&mut self, parameters: &Parameters, what: &str) -> Result<()> {
         for problem in parameters.unused(what) {
             if self.dialect.is_surely_v4() {
-                return Err(problem);
+                return Err(Box::new(problem));
             }
             if self.dialect.is_v3() {
-                self.warn(problem);
+                self.warn(Box::new(problem));
             } else {
                 self.deferred.push(problem);
             }
@@ -475,7 +478,7 @@ impl Builder {
     /// Ends the scene.
     pub(crate) fn finish(mut self) -> Result<Finished> {
         if !self.deferred.is_empty() {
-            return Err(self.deferred.swap_remove(0));
+            return Err(Box::new(self.deferred.swap_remove(0)));
         }
         self.check_closed(None)?;
         if !self.in_world {
@@ -517,7 +520,7 @@ impl Builder {
         }
         if self.suppressed_warnings > 0 {
             let text = format!("{} more warnings are not shown", self.suppressed_warnings);
-            self.warnings.push(Problem::new(Place::Nowhere, text));
+            self.warnings.push(*Problem::new(Place::Nowhere, text));
         }
     }
 
@@ -527,9 +530,12 @@ impl Builder {
         if scale == 1.0 {
             return Ok(());
         }
-        let apply = |rgb: &mut [f32; 3]| {
-            rgb.iter_mut()
-                .for_each(|c| *c = (f64::from(*c) * scale) as f32)
+        let mut finite = true;
+        let mut apply = |rgb: &mut [f32; 3]| {
+            for c in rgb {
+                *c = (f64::from(*c) * scale) as f32;
+                finite &= c.is_finite();
+            }
         };
         for shape in &mut self.scene.shapes {
             if let Some(emission) = &mut shape.emission {
@@ -541,6 +547,10 @@ impl Builder {
                 Light::Infinite { radiance } | Light::Distant { radiance, .. } => apply(radiance),
                 Light::Point { intensity, .. } | Light::Spot { intensity, .. } => apply(intensity),
             }
+        }
+        if !finite {
+            return Err(Problem::new(Place::Nowhere, "a light is too bright")
+                .label("its radiance times the film's exposure is not a number"));
         }
         Ok(())
     }

@@ -53,6 +53,10 @@ impl Builder {
         }
         let camera_from_world = self.static_ctm(span)?;
         let world_from_camera = camera_from_world.inverse();
+        if !world_from_camera.translation.as_vec3().is_finite() {
+            return Err(Problem::at(span, "the camera is too far away")
+                .label("expected coordinates below 3e38"));
+        }
         self.coordinate_systems
             .insert("camera".into(), [world_from_camera; 2]);
         self.scene.camera = Camera {

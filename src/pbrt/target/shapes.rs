@@ -7,6 +7,7 @@ use glam::{DAffine3, DVec3};
 
 use crate::pbrt::error::{Place, Problem, Result, Span};
 use crate::pbrt::lexer::shorten;
+use crate::pbrt::memory;
 use crate::pbrt::parameters::{Parameter, ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::ply;
@@ -31,9 +32,6 @@ const UNSUPPORTED: [&str; 9] = [
 
 /// Most triangles of a scene: their handles are 32 bits, one of which is wanted for other ends.
 const MAX_TRIANGLES: u64 = (1 << 31) - 1;
-
-/// Memory that shapes may take where the machine does not tell how much it has.
-const DEFAULT_MEMORY: u64 = 16 << 30;
 
 /// Distance of a quad's corners from its plane, relative to its size, up to which it counts as plane.
 const PLANAR: f64 = 1e-4;
@@ -89,26 +87,11 @@ impl Default for ShapeTotals {
         ShapeTotals {
             triangles: 0,
             bytes: 0,
-            memory: memory_limit(),
+            memory: memory::limit(),
             degenerate: 0,
             first_degenerate: None,
         }
     }
-}
-
-/// Bytes that shapes may take: three quarters of what is available now, where the system tells.
-fn memory_limit() -> u64 {
-    let available = std::fs::read_to_string("/proc/meminfo")
-        .ok()
-        .and_then(|text| {
-            let line = text
-                .lines()
-                .find(|line| line.starts_with("MemAvailable:"))?;
-            line.split_whitespace().nth(1)?.parse::<u64>().ok()
-        });
-    available.map_or(DEFAULT_MEMORY, |kilobytes| {
-        kilobytes.saturating_mul(1024) / 4 * 3
-    })
 }
 
 impl ShapeTotals {
@@ -125,12 +108,11 @@ impl ShapeTotals {
             .label("too many triangles with this; instances are copies"));
         }
         if self.bytes > self.memory {
-            let gigabytes = self.memory as f64 / f64::from(1 << 30);
-            return Err(Problem::at(
-                span,
-                format!("the scene's shapes need more than {gigabytes:.1} GiB"),
-            )
-            .label("too much memory with this; instances are copies"));
+            let limit = memory::in_gib(self.memory);
+            return Err(
+                Problem::at(span, format!("the scene's shapes need more than {limit}"))
+                    .label("too much memory with this; instances are copies"),
+            );
         }
         Ok(())
     }
@@ -240,6 +222,7 @@ impl Builder {
                 z_max,
                 phi_max,
             } => {
+                check_size(&transform, *radius, span)?;
                 self.totals.add(0, 0, span)?;
                 let [radius, z_min, z_max, phi_max] = [*radius, *z_min, *z_max, *phi_max];
                 (
@@ -259,6 +242,7 @@ impl Builder {
                 inner_radius,
                 phi_max,
             } => {
+                check_size(&transform, radius.max(height.abs()), span)?;
                 self.totals.add(0, 0, span)?;
                 let [height, radius, inner_radius, phi_max] =
                     [*height, *radius, *inner_radius, *phi_max];
@@ -307,7 +291,10 @@ impl Builder {
         if triangles.is_empty() {
             return Ok(None);
         }
-        let uvs = source.uvs.iter().map(|uv| uv.map(|c| c as f32)).collect();
+        let uvs: Vec<[f32; 2]> = source.uvs.iter().map(|uv| uv.map(|c| c as f32)).collect();
+        if uvs.iter().flatten().any(|c| !c.is_finite()) {
+            return Err(Problem::at(span, "a texture coordinate is too large"));
+        }
         self.scene.meshes.push(Mesh {
             positions,
             normals,
@@ -435,6 +422,21 @@ fn sphere(parameters: &Parameters) -> Result<Source> {
         z_max,
         phi_max: phi_max(parameters)?,
     })
+}
+
+/// Complains about a quadric whose size in the world is not a number in single precision.
+fn check_size(transform: &DAffine3, extent: f64, span: Span) -> Result<()> {
+    let m = transform.matrix3;
+    let sizes = [m.x_axis, m.y_axis, m.z_axis].map(|axis| (axis.length() * extent) as f32);
+    let fits =
+        sizes.iter().all(|size| size.is_normal()) && transform.translation.as_vec3().is_finite();
+    if fits {
+        return Ok(());
+    }
+    Err(
+        Problem::at(span, "the shape is too large, too small or too far away")
+            .label("expected coordinates that fit into single precision"),
+    )
 }
 
 fn disk(parameters: &Parameters) -> Result<Source> {
