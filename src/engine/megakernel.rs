@@ -8,7 +8,7 @@ use super::Job;
 use crate::film::BlockSums;
 use std::marker::PhantomData;
 use wavepath_kernels::generate::{BLOCK_PIXELS, camera_ray};
-use wavepath_kernels::intersect::{Accelerator, TraversalStack};
+use wavepath_kernels::intersect::{Accelerator, Closest, Occluded, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::lanes::{Real, Uint};
 use wavepath_kernels::material_sort::{list, list_of};
@@ -118,7 +118,7 @@ fn trace<I: Isa, P: Features, A: Accelerator>(
     };
     stats.camera_rays += 1;
     for depth in 0.. {
-        let hit = accelerator.closest(isa, origin.lane(0), direction.lane(0), stack);
+        let hit = isa.run(Closest { accelerator, origin: origin.lane(0), direction: direction.lane(0), stack });
         let (list, emits) = list_of(&scene.geometry.tags, scene.max_depth, hit.primitive, depth);
         if list == list::MISSED {
             add(throughput * Vec3::splat(scene.environment));
@@ -161,9 +161,14 @@ fn trace<I: Isa, P: Features, A: Accelerator>(
         };
         if P::LIGHTS != 0 && next.shadow.valid {
             stats.shadow_rays += 1;
-            let distance = next.shadow.distance.to_array()[0];
-            let (from, to) = (next.shadow.origin.lane(0), next.shadow.direction.lane(0));
-            if !accelerator.occluded(isa, from, to, distance, stack) {
+            let blocked = isa.run(Occluded {
+                accelerator,
+                origin: next.shadow.origin.lane(0),
+                direction: next.shadow.direction.lane(0),
+                distance: next.shadow.distance.to_array()[0],
+                stack,
+            });
+            if !blocked {
                 add(next.shadow.radiance);
             }
         }

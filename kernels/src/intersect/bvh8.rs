@@ -218,7 +218,9 @@ impl Collapse<'_, '_> {
             if let Some((node, lane)) = parent {
                 self.out.nodes[node].child[lane] = id as u32;
             }
-            let mut node = Node { bounds: [[f32::NAN; WIDTH]; 6], child: [EMPTY.0; WIDTH] };
+            // Absent children are turned inside out: every ray enters them at infinity.
+            let (low, high) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]);
+            let mut node = Node { bounds: [low, high, low, high, low, high], child: [EMPTY.0; WIDTH] };
             let children = if root_is_leaf { vec![binary] } else { self.children(binary) };
             root_is_leaf = false;
             self.out.stack = self.out.stack.max(held + children.len() + 1);
@@ -271,7 +273,7 @@ impl Bvh8<'_> {
                 // SAFETY: inner children are numbers of nodes.
                 let node = unsafe { self.nodes.get_unchecked(current as usize) };
                 // (side - origin) * inverse, not a fused side * inverse - origin * inverse: that cancels for rays
-                // almost parallel to an axis. NaN sides of absent children fail the comparison.
+                // almost parallel to an axis.
                 let enter = |axis: usize| (I::Eight::load(&node.bounds[near[axis]], 0) - o[axis]) * inv[axis];
                 let leave =
                     |axis: usize| (I::Eight::load(&node.bounds[near[axis] ^ 1], 0) - o[axis]) * inv[axis];
