@@ -85,11 +85,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let total = spp.map(|spp| spp as u64 * film.pixels());
     let progress = Progress::new(total, args.time, args.quiet);
     let (stats, seconds) = engine::render(&scene, &plan, &tree, &film, &settings, stop, |done| {
-        progress.update(
-            done.samples.load(Ordering::Relaxed),
-            done.rays.load(Ordering::Relaxed),
-            None,
-        );
+        progress.update(done.samples.load(Ordering::Relaxed), done.rays.load(Ordering::Relaxed), None);
     })
     .map_err(|error| Failure::Work(format!("cannot start {} threads: {error}", settings.threads)))?;
     progress.finish();
@@ -125,8 +121,7 @@ fn default_output(description: &SceneDescription, scene: &Path) -> std::path::Pa
 }
 
 fn settings(args: &RenderArgs, description: &SceneDescription) -> Settings {
-    let threads =
-        args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let threads = args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     Settings {
         engine: match args.engine {
             Engine::Wavefront => EngineKind::Wavefront,

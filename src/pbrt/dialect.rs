@@ -25,10 +25,7 @@ pub(crate) struct Dialect {
 impl Dialect {
     /// Known to be v3 from the start.
     pub(crate) fn v3() -> Dialect {
-        Dialect {
-            version: Version::V3,
-            decided_as_v4: false,
-        }
+        Dialect { version: Version::V3, decided_as_v4: false }
     }
 
     /// Whether the rules of v3 hold. Call it only where the versions differ: the answer may have to be revised.

@@ -159,18 +159,10 @@ impl Diagnostic {
 
 fn write_excerpt(f: &mut fmt::Formatter<'_>, location: &Location, label: &str) -> fmt::Result {
     let Some(excerpt) = &location.excerpt else {
-        return if label.is_empty() {
-            Ok(())
-        } else {
-            write!(f, "\n      = {label}")
-        };
+        return if label.is_empty() { Ok(()) } else { write!(f, "\n      = {label}") };
     };
-    let padding: String = excerpt
-        .text
-        .chars()
-        .take(excerpt.caret_start)
-        .map(|c| if c == '\t' { '\t' } else { ' ' })
-        .collect();
+    let padding: String =
+        excerpt.text.chars().take(excerpt.caret_start).map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
     write!(f, "\n{:5} | {}", location.line, excerpt.text)?;
     write!(f, "\n      | {padding}{}", "^".repeat(excerpt.caret_len))?;
     if !label.is_empty() {

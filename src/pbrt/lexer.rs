@@ -53,10 +53,7 @@ impl Token {
 /// Cuts a text of unknown length and content to what fits into a message.
 pub(crate) fn shorten(text: &str) -> String {
     const LONGEST: usize = 60;
-    let text: String = text
-        .chars()
-        .map(|c| if c.is_control() { '\u{fffd}' } else { c })
-        .collect();
+    let text: String = text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
     if text.chars().count() <= LONGEST {
         return text;
     }
@@ -95,10 +92,7 @@ fn is_space(byte: u8) -> bool {
 }
 
 fn ends_word(byte: u8) -> bool {
-    matches!(
-        byte,
-        b' ' | b'\n' | b'\t' | b'\r' | b'"' | b'[' | b']' | b'#'
-    )
+    matches!(byte, b' ' | b'\n' | b'\t' | b'\r' | b'"' | b'[' | b']' | b'#')
 }
 
 impl Lexer {
@@ -149,8 +143,9 @@ impl Lexer {
         self.position = 0;
         if self.filled >= MAX_TOKEN {
             let span = self.span(0, self.filled.min(32));
-            return Err(Problem::at(span, "token too long")
-                .label(format!("expected at most {MAX_TOKEN} bytes")));
+            return Err(
+                Problem::at(span, "token too long").label(format!("expected at most {MAX_TOKEN} bytes"))
+            );
         }
         loop {
             match self.reader.read(&mut self.buffer[self.filled..]) {
@@ -269,11 +264,8 @@ impl Lexer {
     }
 
     fn unterminated(&self, length: usize) -> Box<Problem> {
-        Problem::at(
-            self.span(self.position, self.position + length),
-            "string without an end",
-        )
-        .label("expected a closing `\"` on this line")
+        Problem::at(self.span(self.position, self.position + length), "string without an end")
+            .label("expected a closing `\"` on this line")
     }
 
     /// The next token, owned.
@@ -304,10 +296,7 @@ impl Lexer {
     /// The next value inside brackets without copying it: a bare word's bytes, or `None` at the closing bracket.
     /// Anything else is returned as a token for the caller to complain about.
     pub(crate) fn next_value(&mut self) -> Result<Value<'_>> {
-        debug_assert!(
-            self.peeked.is_none(),
-            "values are read behind a bracket that was taken"
-        );
+        debug_assert!(self.peeked.is_none(), "values are read behind a bracket that was taken");
         let (form, start, end) = self.scan()?;
         let span = self.span(start, end);
         match form {
@@ -315,19 +304,10 @@ impl Lexer {
             Form::Right => Ok(Value::Close),
             Form::Quoted => {
                 let text = unescape(self.text(start + 1, end - 1)?, span)?;
-                Ok(Value::Other(Token {
-                    kind: TokenKind::Quoted(text),
-                    span,
-                }))
+                Ok(Value::Other(Token { kind: TokenKind::Quoted(text), span }))
             }
-            Form::Left => Ok(Value::Other(Token {
-                kind: TokenKind::LeftBracket,
-                span,
-            })),
-            Form::End => Ok(Value::Other(Token {
-                kind: TokenKind::End,
-                span,
-            })),
+            Form::Left => Ok(Value::Other(Token { kind: TokenKind::LeftBracket, span })),
+            Form::End => Ok(Value::Other(Token { kind: TokenKind::End, span })),
         }
     }
 
@@ -397,9 +377,7 @@ fn unescape(text: &str, span: Span) -> Result<String> {
 
 /// A finite number. `None`: not a number at all. Decimal notation only (no `inf`, `nan`, hexadecimal).
 pub(crate) fn parse_number(bytes: &[u8]) -> Option<f64> {
-    let looks_numeric = bytes
-        .iter()
-        .all(|b| matches!(b, b'0'..=b'9' | b'+' | b'-' | b'.' | b'e' | b'E'));
+    let looks_numeric = bytes.iter().all(|b| matches!(b, b'0'..=b'9' | b'+' | b'-' | b'.' | b'e' | b'E'));
     if !looks_numeric {
         return None;
     }
@@ -460,10 +438,7 @@ mod tests {
         let mut lexer = Lexer::new(FileId(0), Box::new(Trickle(b"ab\n  \"cd\" e".to_vec(), 0)));
         lexer.next_token().unwrap();
         let span = lexer.next_token().unwrap().span;
-        assert_eq!(
-            (span.line, span.line_start, span.start, span.end),
-            (2, 3, 5, 9)
-        );
+        assert_eq!((span.line, span.line_start, span.start, span.end), (2, 3, 5, 9));
         let span = lexer.next_token().unwrap().span;
         assert_eq!((span.line, span.start, span.end), (2, 10, 11));
     }

@@ -71,10 +71,7 @@ pub struct Loaded {
 pub fn load(path: &Path) -> Result<Loaded, Error> {
     load_with(|sources| {
         let lexer = sources.open(path).map_err(|error| {
-            Problem::new(
-                Place::Nowhere,
-                format!("cannot read {}: {error}", path.display()),
-            )
+            Problem::new(Place::Nowhere, format!("cannot read {}: {error}", path.display()))
         })?;
         let directory = path.parent().unwrap_or(Path::new("")).to_path_buf();
         Ok((lexer, Some(path.to_path_buf()), directory))
@@ -141,18 +138,9 @@ fn load_as(
             Err(problem) => return Err(fail(&sources, parser.trace(problem))),
         }
     }
-    let finished = builder
-        .finish()
-        .map_err(|problem| fail(&sources, problem))?;
-    let warnings = finished
-        .warnings
-        .iter()
-        .map(|problem| sources.render(problem, Severity::Warning))
-        .collect();
+    let finished = builder.finish().map_err(|problem| fail(&sources, problem))?;
+    let warnings =
+        finished.warnings.iter().map(|problem| sources.render(problem, Severity::Warning)).collect();
     sources.inputs.extend(finished.inputs);
-    Ok(Loaded {
-        scene: finished.scene,
-        warnings,
-        inputs: sources.inputs,
-    })
+    Ok(Loaded { scene: finished.scene, warnings, inputs: sources.inputs })
 }

@@ -132,14 +132,7 @@ impl Parameter {
         span: Span,
         values_span: Span,
     ) -> Parameter {
-        Parameter {
-            ty,
-            name,
-            values,
-            span,
-            values_span,
-            used: Cell::new(false),
-        }
+        Parameter { ty, name, values, span, values_span, used: Cell::new(false) }
     }
 
     /// Place of one number or string.
@@ -183,16 +176,8 @@ impl Parameter {
         if self.len() == arity {
             return Ok(());
         }
-        let place = if self.len() > arity {
-            self.place(arity)
-        } else {
-            self.place(0)
-        };
-        Err(Problem::new(
-            place,
-            format!("\"{}\" has {} values", self.name, self.len()),
-        )
-        .label(format!(
+        let place = if self.len() > arity { self.place(arity) } else { self.place(0) };
+        Err(Problem::new(place, format!("\"{}\" has {} values", self.name, self.len())).label(format!(
             "expected {}",
             match arity {
                 1 => "one value".to_string(),
@@ -212,10 +197,7 @@ pub(crate) struct Parameters {
 
 impl Parameters {
     pub(crate) fn new(own: Vec<Parameter>) -> Parameters {
-        Parameters {
-            own,
-            ..Parameters::default()
-        }
+        Parameters { own, ..Parameters::default() }
     }
 
     /// Adds the defaults of `Attribute`. They may stay unused.
@@ -236,23 +218,13 @@ impl Parameters {
             asked.push(name);
         }
         let own = self.own.iter().rev().find(|p| p.name == name);
-        let found = own.or_else(|| {
-            self.defaults
-                .iter()
-                .rev()
-                .map(|p| &**p)
-                .find(|p| p.name == name)
-        })?;
+        let found = own.or_else(|| self.defaults.iter().rev().map(|p| &**p).find(|p| p.name == name))?;
         found.used.set(true);
         Some(found)
     }
 
     /// The parameter of this name, which must have one of these types.
-    pub(crate) fn typed(
-        &self,
-        name: &'static str,
-        types: &[ParameterType],
-    ) -> Result<Option<&Parameter>> {
+    pub(crate) fn typed(&self, name: &'static str, types: &[ParameterType]) -> Result<Option<&Parameter>> {
         let Some(parameter) = self.find(name) else {
             return Ok(None);
         };
@@ -260,11 +232,8 @@ impl Parameters {
             return Ok(Some(parameter));
         }
         let expected: Vec<&str> = types.iter().map(|t| t.name()).collect();
-        Err(Problem::at(
-            parameter.span,
-            format!("parameter \"{name}\" has type {}", parameter.ty.name()),
-        )
-        .label(format!("expected type {}", expected.join(" or "))))
+        Err(Problem::at(parameter.span, format!("parameter \"{name}\" has type {}", parameter.ty.name()))
+            .label(format!("expected type {}", expected.join(" or "))))
     }
 
     fn one(&self, name: &'static str, ty: ParameterType) -> Result<Option<&Parameter>> {
@@ -277,9 +246,7 @@ impl Parameters {
 
     /// A single number.
     pub(crate) fn float(&self, name: &'static str) -> Result<Option<f64>> {
-        Ok(self
-            .one(name, ParameterType::Float)?
-            .map(|p| p.numbers()[0]))
+        Ok(self.one(name, ParameterType::Float)?.map(|p| p.numbers()[0]))
     }
 
     /// A single number with a default.
@@ -303,21 +270,12 @@ impl Parameters {
         if value >= 0.0 {
             Ok(value)
         } else {
-            Err(self.bad(
-                name,
-                &value.to_string(),
-                "expected a number that is not negative",
-            ))
+            Err(self.bad(name, &value.to_string(), "expected a number that is not negative"))
         }
     }
 
     /// A complaint about the value of a parameter.
-    pub(crate) fn bad(
-        &self,
-        name: &'static str,
-        value: &str,
-        expected: impl Into<String>,
-    ) -> Box<Problem> {
+    pub(crate) fn bad(&self, name: &'static str, value: &str, expected: impl Into<String>) -> Box<Problem> {
         let place = self.find(name).map_or(Place::Nowhere, |p| p.place(0));
         Problem::new(place, format!("\"{name}\" is {}", shorten(value))).label(expected)
     }
@@ -352,10 +310,7 @@ impl Parameters {
     /// A truth value.
     pub(crate) fn bool_or(&self, name: &'static str, default: bool) -> Result<bool> {
         let found = self.one(name, ParameterType::Bool)?;
-        Ok(found.map_or(
-            default,
-            |p| matches!(&p.values, Values::Bools(values) if values == &[true]),
-        ))
+        Ok(found.map_or(default, |p| matches!(&p.values, Values::Bools(values) if values == &[true])))
     }
 
     /// A single string.
@@ -366,9 +321,7 @@ impl Parameters {
 
     /// All numbers of an array.
     pub(crate) fn floats(&self, name: &'static str) -> Result<Option<&[f64]>> {
-        Ok(self
-            .typed(name, &[ParameterType::Float])?
-            .map(Parameter::numbers))
+        Ok(self.typed(name, &[ParameterType::Float])?.map(Parameter::numbers))
     }
 
     /// A single point.
@@ -391,39 +344,19 @@ impl Parameters {
 
     /// A complaint for each parameter that nobody asked for. `what` is the directive, such as `shape "sphere"`.
     pub(crate) fn unused(&self, what: &str) -> Vec<Problem> {
-        self.own
-            .iter()
-            .filter(|p| !p.used.get())
-            .map(|p| *self.unused_problem(p, what))
-            .collect()
+        self.own.iter().filter(|p| !p.used.get()).map(|p| *self.unused_problem(p, what)).collect()
     }
 
     fn unused_problem(&self, parameter: &Parameter, what: &str) -> Box<Problem> {
         let name = shorten(&parameter.name);
-        if self
-            .own
-            .iter()
-            .any(|p| p.used.get() && p.name == parameter.name)
-        {
-            return Problem::at(
-                parameter.span,
-                format!("parameter \"{name}\" is given twice"),
-            )
-            .label("the last one counts");
+        if self.own.iter().any(|p| p.used.get() && p.name == parameter.name) {
+            return Problem::at(parameter.span, format!("parameter \"{name}\" is given twice"))
+                .label("the last one counts");
         }
         let asked = self.asked.borrow();
-        let known = if asked.is_empty() {
-            "no parameters".into()
-        } else {
-            format!("one of {}", asked.join(", "))
-        };
-        Problem::at(
-            parameter.span,
-            format!("unknown parameter \"{name}\" for {what}"),
-        )
-        .label(format!(
-            "expected {known}{}",
-            did_you_mean(&parameter.name, &asked)
-        ))
+        let known =
+            if asked.is_empty() { "no parameters".into() } else { format!("one of {}", asked.join(", ")) };
+        Problem::at(parameter.span, format!("unknown parameter \"{name}\" for {what}"))
+            .label(format!("expected {known}{}", did_you_mean(&parameter.name, &asked)))
     }
 }

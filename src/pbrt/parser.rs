@@ -92,12 +92,7 @@ pub(crate) enum Directive {
     ActiveTransform(Name),
     Named(Naming, Name),
     Entity(Entity, Name, Parameters),
-    Texture {
-        name: Name,
-        value_type: Name,
-        class: Name,
-        parameters: Parameters,
-    },
+    Texture { name: Name, value_type: Name, class: Name, parameters: Parameters },
     MediumInterface(Name, Name),
     Option(Parameter),
 }
@@ -185,18 +180,12 @@ impl Parser {
             included_at: None,
             imported: false,
         };
-        Parser {
-            stack: vec![file],
-            includes: 0,
-            v3_sign: None,
-        }
+        Parser { stack: vec![file], includes: 0, v3_sign: None }
     }
 
     /// Directory that file names of the last statement are relative to.
     pub(crate) fn directory(&self) -> &Path {
-        self.stack
-            .last()
-            .map_or(Path::new(""), |file| &file.directory)
+        self.stack.last().map_or(Path::new(""), |file| &file.directory)
     }
 
     /// Adds to a complaint which `Include` led to the present file.
@@ -210,11 +199,7 @@ impl Parser {
     }
 
     fn lexer(&mut self) -> &mut Lexer {
-        &mut self
-            .stack
-            .last_mut()
-            .expect("a file is open while a statement is read")
-            .lexer
+        &mut self.stack.last_mut().expect("a file is open while a statement is read").lexer
     }
 
     /// The next statement; `None` when all files are over.
@@ -248,12 +233,7 @@ impl Parser {
         }
     }
 
-    fn statement(
-        &mut self,
-        word: &str,
-        span: Span,
-        sources: &mut Sources,
-    ) -> Result<Option<Statement>> {
+    fn statement(&mut self, word: &str, span: Span, sources: &mut Sources) -> Result<Option<Statement>> {
         self.v3_sign = None;
         if word == "Include" || word == "Import" {
             let name = self.name()?;
@@ -264,12 +244,7 @@ impl Parser {
             Ok(None) => return Err(unknown_directive(word, span)),
             Err(problem) => return Err(problem),
         };
-        Ok(Some(Statement {
-            keyword,
-            span,
-            directive,
-            v3_sign: self.v3_sign,
-        }))
+        Ok(Some(Statement { keyword, span, directive, v3_sign: self.v3_sign }))
     }
 
     fn directive(&mut self, word: &str) -> Result<Option<(&'static str, Directive)>> {
@@ -281,44 +256,22 @@ impl Parser {
         }
         if let Some((keyword, entity)) = entity_directive(word) {
             let name = self.name()?;
-            return Ok(Some((
-                keyword,
-                Directive::Entity(entity, name, self.parameters()?),
-            )));
+            return Ok(Some((keyword, Directive::Entity(entity, name, self.parameters()?))));
         }
         let (keyword, directive) = match word {
-            "Translate" => (
-                "Translate",
-                Directive::Transform(TransformOp::Translate(self.numbers()?)),
-            ),
-            "Scale" => (
-                "Scale",
-                Directive::Transform(TransformOp::Scale(self.numbers()?)),
-            ),
-            "Rotate" => (
-                "Rotate",
-                Directive::Transform(TransformOp::Rotate(self.numbers()?)),
-            ),
-            "LookAt" => (
-                "LookAt",
-                Directive::Transform(TransformOp::LookAt(self.numbers()?)),
-            ),
-            "Transform" => (
-                "Transform",
-                Directive::Transform(TransformOp::Transform(Box::new(self.numbers()?))),
-            ),
+            "Translate" => ("Translate", Directive::Transform(TransformOp::Translate(self.numbers()?))),
+            "Scale" => ("Scale", Directive::Transform(TransformOp::Scale(self.numbers()?))),
+            "Rotate" => ("Rotate", Directive::Transform(TransformOp::Rotate(self.numbers()?))),
+            "LookAt" => ("LookAt", Directive::Transform(TransformOp::LookAt(self.numbers()?))),
+            "Transform" => {
+                ("Transform", Directive::Transform(TransformOp::Transform(Box::new(self.numbers()?))))
+            }
             "ConcatTransform" => (
                 "ConcatTransform",
                 Directive::Transform(TransformOp::ConcatTransform(Box::new(self.numbers()?))),
             ),
-            "TransformTimes" => (
-                "TransformTimes",
-                Directive::Transform(TransformOp::Times(self.numbers()?)),
-            ),
-            "ActiveTransform" => (
-                "ActiveTransform",
-                Directive::ActiveTransform(self.bare_word()?),
-            ),
+            "TransformTimes" => ("TransformTimes", Directive::Transform(TransformOp::Times(self.numbers()?))),
+            "ActiveTransform" => ("ActiveTransform", Directive::ActiveTransform(self.bare_word()?)),
             "Texture" => ("Texture", self.texture()?),
             "MediumInterface" => ("MediumInterface", self.medium_interface()?),
             "Option" => ("Option", Directive::Option(self.option()?)),
@@ -329,12 +282,7 @@ impl Parser {
 
     fn texture(&mut self) -> Result<Directive> {
         let (name, value_type, class) = (self.name()?, self.name()?, self.name()?);
-        Ok(Directive::Texture {
-            name,
-            value_type,
-            class,
-            parameters: self.parameters()?,
-        })
+        Ok(Directive::Texture { name, value_type, class, parameters: self.parameters()? })
     }
 
     /// Both names may share one string's place: pbrt takes the second to be the first where it is missing.
@@ -374,10 +322,7 @@ impl Parser {
     fn name(&mut self) -> Result<Name> {
         let token = self.lexer().next_token()?;
         match token.kind {
-            TokenKind::Quoted(text) => Ok(Name {
-                text,
-                span: token.span,
-            }),
+            TokenKind::Quoted(text) => Ok(Name { text, span: token.span }),
             // pbrt writes names quoted always; old exporters wrote ["name"].
             _ => Err(expected(&token, "expected a quoted name")),
         }
@@ -386,10 +331,7 @@ impl Parser {
     fn bare_word(&mut self) -> Result<Name> {
         let token = self.lexer().next_token()?;
         match token.kind {
-            TokenKind::Word(text) => Ok(Name {
-                text,
-                span: token.span,
-            }),
+            TokenKind::Word(text) => Ok(Name { text, span: token.span }),
             _ => Err(expected(&token, "expected StartTime, EndTime or All")),
         }
     }
@@ -407,20 +349,14 @@ impl Parser {
                 token = self.lexer().next_token()?;
             }
             let TokenKind::Word(word) = &token.kind else {
-                return Err(expected(
-                    &token,
-                    &format!("expected {N} numbers, this is number {}", i + 1),
-                ));
+                return Err(expected(&token, &format!("expected {N} numbers, this is number {}", i + 1)));
             };
             *value = number(word.as_bytes(), token.span)?;
         }
         if bracketed {
             let close = self.lexer().next_token()?;
             if close.kind != TokenKind::RightBracket {
-                return Err(expected(
-                    &close,
-                    &format!("expected `]` behind {N} numbers"),
-                ));
+                return Err(expected(&close, &format!("expected `]` behind {N} numbers")));
             }
         }
         Ok(values)
@@ -444,15 +380,12 @@ impl Parser {
             return Err(expected(declaration, "expected a parameter, \"type name\""));
         };
         let Some((ty, is_v3)) = ParameterType::from_name(ty) else {
-            return Err(Problem::at(
-                declaration.span,
-                format!("unknown parameter type \"{}\"", shorten(ty)),
-            )
-            .label(format!(
-                "expected one of {}{}",
-                ParameterType::NAMES.join(", "),
-                did_you_mean(ty, &ParameterType::NAMES)
-            )));
+            return Err(Problem::at(declaration.span, format!("unknown parameter type \"{}\"", shorten(ty)))
+                .label(format!(
+                    "expected one of {}{}",
+                    ParameterType::NAMES.join(", "),
+                    did_you_mean(ty, &ParameterType::NAMES)
+                )));
         };
         if is_v3 {
             self.v3_sign.get_or_insert(declaration.span);
@@ -468,13 +401,7 @@ impl Parser {
         if sink.quoted_bool {
             self.v3_sign.get_or_insert(values_span);
         }
-        Ok(Parameter::new(
-            ty,
-            name.to_string(),
-            sink.finish(values_span)?,
-            declaration.span,
-            values_span,
-        ))
+        Ok(Parameter::new(ty, name.to_string(), sink.finish(values_span)?, declaration.span, values_span))
     }
 
     fn bracketed_values(&mut self, sink: &mut ValueSink) -> Result<()> {
@@ -499,11 +426,8 @@ impl Parser {
         let path = self.directory().join(&name.text);
         self.includes += 1;
         if self.stack.len() >= MAX_INCLUDE_DEPTH || self.includes > MAX_INCLUDES {
-            return Err(
-                Problem::at(name.span, "too many files included").label(format!(
-                    "expected at most {MAX_INCLUDE_DEPTH} nested and {MAX_INCLUDES} in all"
-                )),
-            );
+            return Err(Problem::at(name.span, "too many files included")
+                .label(format!("expected at most {MAX_INCLUDE_DEPTH} nested and {MAX_INCLUDES} in all")));
         }
         let identity = path.canonicalize().ok();
         if identity.is_some() && self.stack.iter().any(|file| file.identity == identity) {
@@ -514,31 +438,17 @@ impl Parser {
             .label("a file cannot include itself"));
         }
         let lexer = sources.open(&path).map_err(|error| {
-            Problem::at(
-                name.span,
-                format!("cannot read {}: {error}", path.display()),
-            )
-            .label("expected a scene file")
+            Problem::at(name.span, format!("cannot read {}: {error}", path.display()))
+                .label("expected a scene file")
         })?;
         let directory = path.parent().unwrap_or(Path::new("")).to_path_buf();
-        self.stack.push(OpenFile {
-            lexer,
-            identity,
-            directory,
-            included_at: Some(span),
-            imported: import,
-        });
+        self.stack.push(OpenFile { lexer, identity, directory, included_at: Some(span), imported: import });
         Ok(import.then(|| plain("Import", span, Plain::ImportBegin)))
     }
 }
 
 fn plain(keyword: &'static str, span: Span, plain: Plain) -> Statement {
-    Statement {
-        keyword,
-        span,
-        directive: Directive::Plain(plain),
-        v3_sign: None,
-    }
+    Statement { keyword, span, directive: Directive::Plain(plain), v3_sign: None }
 }
 
 fn expected(token: &Token, label: &str) -> Box<Problem> {
@@ -555,30 +465,22 @@ fn number(bytes: &[u8], span: Span) -> Result<f64> {
     match parse_number(bytes) {
         Some(value) if value.is_finite() => Ok(value),
         Some(_) => Err(Problem::at(span, "number too large").label("expected a finite number")),
-        None => Err(Problem::at(
-            span,
-            format!(
-                "`{}` is not a number",
-                shorten(&String::from_utf8_lossy(bytes))
-            ),
-        )
-        .label("expected a number")),
+        None => {
+            Err(Problem::at(span, format!("`{}` is not a number", shorten(&String::from_utf8_lossy(bytes))))
+                .label("expected a number"))
+        }
     }
 }
 
 /// Whole numbers in `i32`, also when written `3.0`, as v3's exporters did.
 fn integer(bytes: &[u8], span: Span) -> Result<i32> {
-    if let Some(value) = std::str::from_utf8(bytes)
-        .ok()
-        .and_then(|text| text.parse::<i32>().ok())
-    {
+    if let Some(value) = std::str::from_utf8(bytes).ok().and_then(|text| text.parse::<i32>().ok()) {
         return Ok(value);
     }
     let value = number(bytes, span)?;
     if value.fract() != 0.0 {
         return Err(
-            Problem::at(span, format!("`{value}` is not a whole number"))
-                .label("expected an integer"),
+            Problem::at(span, format!("`{value}` is not a whole number")).label("expected an integer")
         );
     }
     if value < f64::from(i32::MIN) || value > f64::from(i32::MAX) {
@@ -625,10 +527,7 @@ impl<'a> ValueSink<'a> {
             return Err(Problem::at(span, "too many values")
                 .label(format!("the values up to here need more than {limit}")));
         }
-        match self
-            .values
-            .get_or_insert_with(|| Values::Numbers(Vec::new()))
-        {
+        match self.values.get_or_insert_with(|| Values::Numbers(Vec::new())) {
             Values::Numbers(numbers) => numbers.push(number(bytes, span)?),
             Values::Integers(integers) => integers.push(integer(bytes, span)?),
             Values::Bools(bools) => match bytes {
@@ -646,24 +545,15 @@ impl<'a> ValueSink<'a> {
             TokenKind::Word(word) => return self.push_word(word.as_bytes(), token.span),
             TokenKind::Quoted(text) => text,
             TokenKind::RightBracket | TokenKind::LeftBracket => {
-                return Err(expected(
-                    token,
-                    &format!("expected a value of {}", self.ty.name()),
-                ));
+                return Err(expected(token, &format!("expected a value of {}", self.ty.name())));
             }
             TokenKind::End => {
                 return Err(Problem::at(token.span, "the file ends inside a parameter")
                     .label("expected a value or `]`")
-                    .note(
-                        Place::Span(self.declaration.span),
-                        "the parameter begins here",
-                    ));
+                    .note(Place::Span(self.declaration.span), "the parameter begins here"));
             }
         };
-        match self
-            .values
-            .get_or_insert_with(|| Values::Strings(Vec::new()))
-        {
+        match self.values.get_or_insert_with(|| Values::Strings(Vec::new())) {
             Values::Strings(strings) => strings.push(text.clone()),
             Values::Bools(bools) if text == "true" || text == "false" => {
                 bools.push(text == "true");
@@ -681,15 +571,8 @@ impl<'a> ValueSink<'a> {
             ParameterType::Integer => "expected an integer",
             _ => "expected a number",
         };
-        Problem::at(
-            span,
-            format!(
-                "`{}` is not a value of type {}",
-                shorten(found),
-                self.ty.name()
-            ),
-        )
-        .label(label)
+        Problem::at(span, format!("`{}` is not a value of type {}", shorten(found), self.ty.name()))
+            .label(label)
     }
 
     fn finish(self, span: Span) -> Result<Values> {
@@ -701,9 +584,7 @@ impl<'a> ValueSink<'a> {
             Values::Bools(bools) => (bools.len(), 1),
         };
         if count == 0 {
-            return Err(
-                Problem::at(span, "parameter without values").label("expected at least one value")
-            );
+            return Err(Problem::at(span, "parameter without values").label("expected at least one value"));
         }
         if !count.is_multiple_of(arity) {
             let place = Place::Value(span, count - count % arity);
@@ -711,9 +592,7 @@ impl<'a> ValueSink<'a> {
                 place,
                 format!("{count} numbers for a parameter of type {}", self.ty.name()),
             )
-            .label(format!(
-                "expected a multiple of {arity}; the numbers from here on are left over"
-            )));
+            .label(format!("expected a multiple of {arity}; the numbers from here on are left over")));
         }
         Ok(values)
     }

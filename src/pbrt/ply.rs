@@ -53,19 +53,11 @@ pub(crate) fn read(path: &Path) -> Result<PlyMesh> {
 
 /// Reads a mesh.
 pub(crate) fn parse(reader: impl Read) -> Result<PlyMesh> {
-    let mut input = Input {
-        reader: BufReader::with_capacity(1 << 18, reader),
-        line: 1,
-        offset: 0,
-        binary: false,
-    };
+    let mut input =
+        Input { reader: BufReader::with_capacity(1 << 18, reader), line: 1, offset: 0, binary: false };
     let header = read_header(&mut input)?;
     input.binary = header.format != Format::Ascii;
-    let mut body = Body {
-        input,
-        format: header.format,
-        word: Vec::new(),
-    };
+    let mut body = Body { input, format: header.format, word: Vec::new() };
     read_body(&mut body, &header)
 }
 
@@ -138,15 +130,8 @@ struct Input<R> {
 
 impl<R: Read> Input<R> {
     fn error(&self, message: impl Into<String>) -> PlyError {
-        let place = if self.binary {
-            format!("byte {}", self.offset)
-        } else {
-            format!("line {}", self.line)
-        };
-        PlyError {
-            place,
-            message: message.into(),
-        }
+        let place = if self.binary { format!("byte {}", self.offset) } else { format!("line {}", self.line) };
+        PlyError { place, message: message.into() }
     }
 
     fn byte(&mut self) -> Result<Option<u8>> {
@@ -163,12 +148,10 @@ impl<R: Read> Input<R> {
 
     fn exact<const N: usize>(&mut self) -> Result<[u8; N]> {
         let mut bytes = [0; N];
-        self.reader
-            .read_exact(&mut bytes)
-            .map_err(|error| match error.kind() {
-                std::io::ErrorKind::UnexpectedEof => self.error("the file ends too early"),
-                _ => self.error(format!("cannot read on: {error}")),
-            })?;
+        self.reader.read_exact(&mut bytes).map_err(|error| match error.kind() {
+            std::io::ErrorKind::UnexpectedEof => self.error("the file ends too early"),
+            _ => self.error(format!("cannot read on: {error}")),
+        })?;
         self.offset += N as u64;
         Ok(bytes)
     }
@@ -233,51 +216,32 @@ fn format_by_name<R: Read>(input: &Input<R>, name: &str) -> Result<Format> {
         "ascii" => Ok(Format::Ascii),
         "binary_little_endian" => Ok(Format::LittleEndian),
         "binary_big_endian" => Ok(Format::BigEndian),
-        _ => Err(input
-            .error("unknown format: expected ascii, binary_little_endian or binary_big_endian")),
+        _ => Err(input.error("unknown format: expected ascii, binary_little_endian or binary_big_endian")),
     }
 }
 
 fn element<R: Read>(input: &Input<R>, name: &str, count: &str) -> Result<Element> {
-    let count = count
-        .parse()
-        .map_err(|_| input.error("the number of elements is not a number"))?;
-    Ok(Element {
-        name: name.to_string(),
-        count,
-        properties: Vec::new(),
-    })
+    let count = count.parse().map_err(|_| input.error("the number of elements is not a number"))?;
+    Ok(Element { name: name.to_string(), count, properties: Vec::new() })
 }
 
 fn property<R: Read>(input: &Input<R>, words: &[&str]) -> Result<Property> {
-    let scalar = |name: &str| {
-        Scalar::from_name(name).ok_or_else(|| input.error("unknown type of a property"))
-    };
+    let scalar =
+        |name: &str| Scalar::from_name(name).ok_or_else(|| input.error("unknown type of a property"));
     let (ty, name) = match *words {
         ["list", count, item, name] => {
             let count = scalar(count)?;
             if matches!(count, Scalar::F32 | Scalar::F64) {
                 return Err(input.error("the length of a list is not an integer type"));
             }
-            (
-                PropertyType::List {
-                    count,
-                    item: scalar(item)?,
-                },
-                name,
-            )
+            (PropertyType::List { count, item: scalar(item)? }, name)
         }
         [ty, name] => (PropertyType::Scalar(scalar(ty)?), name),
         _ => {
-            return Err(
-                input.error("a property that is neither \"type name\" nor \"list type type name\"")
-            );
+            return Err(input.error("a property that is neither \"type name\" nor \"list type type name\""));
         }
     };
-    Ok(Property {
-        name: name.to_string(),
-        ty,
-    })
+    Ok(Property { name: name.to_string(), ty })
 }
 
 /// The numbers behind the header. Every type fits into `f64` exactly.
@@ -296,11 +260,7 @@ impl<R: Read> Body<R> {
         macro_rules! number {
             ($type:ty) => {{
                 let bytes = self.input.exact()?;
-                f64::from(if big {
-                    <$type>::from_be_bytes(bytes)
-                } else {
-                    <$type>::from_le_bytes(bytes)
-                })
+                f64::from(if big { <$type>::from_be_bytes(bytes) } else { <$type>::from_le_bytes(bytes) })
             }};
         }
         Ok(match ty {
@@ -389,28 +349,14 @@ fn read_body<R: Read>(body: &mut Body<R>, header: &Header) -> Result<PlyMesh> {
     }
     if !have_vertices || !have_faces {
         let missing = if have_vertices { "face" } else { "vertex" };
-        return Err(PlyError {
-            place: String::new(),
-            message: format!("no element \"{missing}\""),
-        });
+        return Err(PlyError { place: String::new(), message: format!("no element \"{missing}\"") });
     }
     // Needed where the faces stand before the vertices.
-    match mesh
-        .triangles
-        .iter()
-        .flatten()
-        .find(|&&index| index as usize >= mesh.positions.len())
-    {
+    match mesh.triangles.iter().flatten().find(|&&index| index as usize >= mesh.positions.len()) {
         None => Ok(mesh),
         Some(index) => {
-            let message = format!(
-                "vertex index {index}, but there are {} vertices",
-                mesh.positions.len()
-            );
-            Err(PlyError {
-                place: String::new(),
-                message,
-            })
+            let message = format!("vertex index {index}, but there are {} vertices", mesh.positions.len());
+            Err(PlyError { place: String::new(), message })
         }
     }
 }
@@ -452,9 +398,7 @@ fn slot(name: &str) -> Slot {
 
 fn read_vertices<R: Read>(body: &mut Body<R>, element: &Element, mesh: &mut PlyMesh) -> Result<()> {
     let slots: Vec<Slot> = element.properties.iter().map(|p| slot(&p.name)).collect();
-    let has = |indices: std::ops::Range<usize>| {
-        indices.into_iter().all(|i| slots.contains(&Slot::Value(i)))
-    };
+    let has = |indices: std::ops::Range<usize>| indices.into_iter().all(|i| slots.contains(&Slot::Value(i)));
     if !has(0..3) {
         return Err(body.input.error("the vertices have no x, y and z"));
     }
@@ -502,9 +446,7 @@ fn read_faces<R: Read>(
             && matches!(p.name.as_str(), "vertex_indices" | "vertex_index")
     };
     if !element.properties.iter().any(is_indices) {
-        return Err(body
-            .input
-            .error("the faces have no list \"vertex_indices\""));
+        return Err(body.input.error("the faces have no list \"vertex_indices\""));
     }
     for i in 0..element.count {
         if i > most {
@@ -531,18 +473,14 @@ fn read_face<R: Read>(
 ) -> Result<()> {
     let length = body.list_length(count)?;
     if length != 3 && length != 4 {
-        return Err(body
-            .input
-            .error(format!("a face with {length} vertices: expected 3 or 4")));
+        return Err(body.input.error(format!("a face with {length} vertices: expected 3 or 4")));
     }
     let mut indices = [0u32; 4];
     for index in &mut indices[..length as usize] {
         let value = body.scalar(item)?;
         let limit = vertices.map_or(f64::from(u32::MAX), |count| count as f64);
         if value.fract() != 0.0 || !(0.0..limit).contains(&value) {
-            let known = vertices
-                .map(|count| format!(", but there are {count} vertices"))
-                .unwrap_or_default();
+            let known = vertices.map(|count| format!(", but there are {count} vertices")).unwrap_or_default();
             return Err(body.input.error(format!("vertex index {value}{known}")));
         }
         *index = value as u32;
@@ -569,21 +507,13 @@ mod tests {
 
     /// The same mesh in binary.
     fn binary(big: bool) -> Vec<u8> {
-        let name = if big {
-            "binary_big_endian"
-        } else {
-            "binary_little_endian"
-        };
+        let name = if big { "binary_big_endian" } else { "binary_little_endian" };
         let (header, _) = ASCII.split_once("end_header\n").unwrap();
         let mut bytes = header.replace("ascii", name).into_bytes();
         bytes.extend(b"end_header\n");
         macro_rules! put {
             ($value:expr) => {
-                bytes.extend(if big {
-                    $value.to_be_bytes()
-                } else {
-                    $value.to_le_bytes()
-                })
+                bytes.extend(if big { $value.to_be_bytes() } else { $value.to_le_bytes() })
             };
         }
         for [x, y] in [[0.0f32, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
@@ -630,41 +560,18 @@ mod tests {
         for (from, to, place, phrase) in [
             ("0 1 0 9", "0 nan 0 9", "line 23", "not finite"),
             ("0 1 0 9", "0 zwei 0 9", "line 23", "`zwei`"),
-            (
-                "4 0 1 2 3",
-                "4 0 1 2 4",
-                "line 24",
-                "index 4, but there are 4",
-            ),
+            ("4 0 1 2 3", "4 0 1 2 4", "line 24", "index 4, but there are 4"),
             ("3 0 1 2 8", "3 0 -1 2 8", "line 25", "index -1"),
             ("3 0 1 2 8", "2 0 1 8", "line 25", "face with 2"),
             ("3 0 1 2 8", "99 0 1 8", "line 25", "face with 99"),
-            (
-                "element edge 1",
-                "element edge 9999999999",
-                "line 27",
-                "ends too early",
-            ),
-            (
-                "property double y",
-                "property double w",
-                "line 20",
-                "no x, y and z",
-            ),
-            (
-                "property double y",
-                "property half y",
-                "line 6",
-                "unknown type",
-            ),
+            ("element edge 1", "element edge 9999999999", "line 27", "ends too early"),
+            ("property double y", "property double w", "line 20", "no x, y and z"),
+            ("property double y", "property half y", "line 6", "unknown type"),
             ("format ascii", "format text", "line 2", "unknown format"),
             ("end_header", "header_end", "line 19", "unknown line"),
         ] {
             let (found, message) = failure(&ASCII.replace(from, to));
-            assert!(
-                found == place && message.contains(phrase),
-                "{from} -> {to}: {found}: {message}"
-            );
+            assert!(found == place && message.contains(phrase), "{from} -> {to}: {found}: {message}");
         }
     }
 
@@ -674,10 +581,7 @@ mod tests {
             element vertex 18446744073709551615\nproperty float x\nproperty float y\nproperty float z\n\
             element face 18446744073709551615\nproperty list uint int vertex_indices\nend_header\n";
         let (place, message) = failure(header);
-        assert_eq!(
-            (place, message.as_str()),
-            (format!("byte {}", header.len()), "the file ends too early")
-        );
+        assert_eq!((place, message.as_str()), (format!("byte {}", header.len()), "the file ends too early"));
         let bytes = binary(false);
         for length in 0..bytes.len() {
             assert!(parse(&bytes[..length]).is_err(), "{length}");

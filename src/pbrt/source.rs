@@ -40,15 +40,9 @@ pub(crate) fn open_maybe_gzipped(path: &Path) -> io::Result<Box<dyn Read>> {
     // Opening a directory succeeds on Unix and fails only when it is read.
     let file = File::open(path)?;
     if file.metadata()?.is_dir() {
-        return Err(io::Error::new(
-            io::ErrorKind::IsADirectory,
-            "is a directory",
-        ));
+        return Err(io::Error::new(io::ErrorKind::IsADirectory, "is a directory"));
     }
-    if path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("gz"))
-    {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz")) {
         Ok(Box::new(MultiGzDecoder::new(io::BufReader::new(file))))
     } else {
         Ok(Box::new(file))
@@ -87,9 +81,7 @@ impl Sources {
 
     fn read_range(&self, file: FileId, start: u64, end: u64) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        self.reopen(file, start)?
-            .take(end - start)
-            .read_to_end(&mut bytes)?;
+        self.reopen(file, start)?.take(end - start).read_to_end(&mut bytes)?;
         Ok(bytes)
     }
 
@@ -98,39 +90,21 @@ impl Sources {
         let Ok(reader) = self.reopen(array.file, array.start) else {
             return array;
         };
-        Lexer::resume(array, reader)
-            .nth_value(index)
-            .unwrap_or(array)
+        Lexer::resume(array, reader).nth_value(index).unwrap_or(array)
     }
 
     fn locate(&self, span: Span) -> Location {
         let name = self.sources[span.file.0 as usize].name.clone();
-        let from = span
-            .line_start
-            .max(span.start.saturating_sub(EXCERPT_WINDOW));
+        let from = span.line_start.max(span.start.saturating_sub(EXCERPT_WINDOW));
         let to = span.start + EXCERPT_WINDOW + 1;
-        let excerpt = self
-            .read_range(span.file, from, to)
-            .ok()
-            .map(|bytes| excerpt_of(&bytes, from, span));
+        let excerpt = self.read_range(span.file, from, to).ok().map(|bytes| excerpt_of(&bytes, from, span));
         // Columns count characters; a line too long to be looked at as a whole is taken to be ASCII before the window.
         let column = match &excerpt {
             Some(excerpt) => (from - span.line_start) as usize + excerpt.caret_start + 1,
             None => (span.start - span.line_start) as usize + 1,
         };
-        let excerpt = excerpt.map(|e| {
-            if from > span.line_start {
-                with_ellipsis(e)
-            } else {
-                e
-            }
-        });
-        Location {
-            file: name,
-            line: span.line,
-            column: column as u32,
-            excerpt,
-        }
+        let excerpt = excerpt.map(|e| if from > span.line_start { with_ellipsis(e) } else { e });
+        Location { file: name, line: span.line, column: column as u32, excerpt }
     }
 
     fn location(&self, place: &Place) -> Option<Location> {
@@ -138,12 +112,7 @@ impl Sources {
             Place::Nowhere => None,
             Place::Span(span) => Some(self.locate(*span)),
             Place::Value(span, index) => Some(self.locate(self.value_span(*span, *index))),
-            Place::Other(file) => Some(Location {
-                file: file.clone(),
-                line: 0,
-                column: 0,
-                excerpt: None,
-            }),
+            Place::Other(file) => Some(Location { file: file.clone(), line: 0, column: 0, excerpt: None }),
         }
     }
 
@@ -154,11 +123,7 @@ impl Sources {
             message: problem.message.clone(),
             label: problem.label.clone(),
             location: self.location(&problem.place),
-            notes: problem
-                .notes
-                .iter()
-                .map(|(place, text)| (self.location(place), text.clone()))
-                .collect(),
+            notes: problem.notes.iter().map(|(place, text)| (self.location(place), text.clone())).collect(),
         }
     }
 
@@ -171,20 +136,14 @@ impl Sources {
 /// Cuts the line of `span` out of `bytes`, which begin at offset `from` of the file.
 fn excerpt_of(bytes: &[u8], from: u64, span: Span) -> Excerpt {
     let caret = ((span.start - from) as usize).min(bytes.len());
-    let line_end = bytes[caret..]
-        .iter()
-        .position(|&b| b == b'\n' || b == b'\r')
-        .map_or(bytes.len(), |i| caret + i);
+    let line_end =
+        bytes[caret..].iter().position(|&b| b == b'\n' || b == b'\r').map_or(bytes.len(), |i| caret + i);
     let token_end = (caret + (span.end - span.start) as usize).min(line_end);
     let before = printable(&bytes[..caret]);
     let token = printable(&bytes[caret..token_end]);
     let after = printable(&bytes[token_end..line_end]);
     let caret_len = token.chars().count().clamp(1, MAX_CARETS);
-    Excerpt {
-        caret_start: before.chars().count(),
-        caret_len,
-        text: format!("{before}{token}{after}"),
-    }
+    Excerpt { caret_start: before.chars().count(), caret_len, text: format!("{before}{token}{after}") }
 }
 
 fn with_ellipsis(mut excerpt: Excerpt) -> Excerpt {
@@ -197,12 +156,6 @@ fn with_ellipsis(mut excerpt: Excerpt) -> Excerpt {
 fn printable(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes)
         .chars()
-        .map(|c| {
-            if c.is_control() && c != '\t' {
-                '\u{fffd}'
-            } else {
-                c
-            }
-        })
+        .map(|c| if c.is_control() && c != '\t' { '\u{fffd}' } else { c })
         .collect()
 }

@@ -33,33 +33,20 @@ impl Sampled {
         if interleaved.is_empty() || !interleaved.len().is_multiple_of(2) {
             return Err("expected pairs of wavelength and value".into());
         }
-        let pairs: Vec<[f64; 2]> = interleaved
-            .chunks_exact(2)
-            .map(|pair| [pair[0], pair[1]])
-            .collect();
+        let pairs: Vec<[f64; 2]> = interleaved.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
         if pairs.windows(2).any(|pair| pair[1][0] <= pair[0][0]) {
             return Err("expected rising wavelengths".into());
         }
         let spans = pairs[0][0] <= 400.0 && pairs[pairs.len() - 1][0] >= 700.0;
-        Ok(Sampled {
-            pairs,
-            extended: v3 || spans,
-        })
+        Ok(Sampled { pairs, extended: v3 || spans })
     }
 
     fn at(&self, wavelength: f64) -> f64 {
         let after = self.pairs.partition_point(|pair| pair[0] < wavelength);
         let outside = |end: [f64; 2]| {
-            if self.extended || end[0] == wavelength {
-                end[1]
-            } else {
-                0.0
-            }
+            if self.extended || end[0] == wavelength { end[1] } else { 0.0 }
         };
-        match (
-            after.checked_sub(1).and_then(|i| self.pairs.get(i)),
-            self.pairs.get(after),
-        ) {
+        match (after.checked_sub(1).and_then(|i| self.pairs.get(i)), self.pairs.get(after)) {
             (Some(a), Some(b)) => a[1] + (b[1] - a[1]) * (wavelength - a[0]) / (b[0] - a[0]),
             (None, Some(end)) | (Some(end), None) => outside(*end),
             (None, None) => 0.0,
@@ -151,11 +138,10 @@ fn cie_1931(w: f64) -> [f64; 3] {
 /// CIE standard illuminant D65, relative.
 fn d65(wavelength: f64) -> f64 {
     const TABLE: [f64; 41] = [
-        49.9755, 54.6482, 82.7549, 91.486, 93.4318, 86.6823, 104.865, 117.008, 117.812, 114.861,
-        115.923, 108.811, 109.354, 107.802, 104.79, 107.689, 104.405, 104.046, 100.0, 96.3342,
-        95.788, 88.6856, 90.0062, 89.5991, 87.6987, 83.2886, 83.6992, 80.0268, 80.2146, 82.2778,
-        78.2842, 69.7213, 71.6091, 74.349, 61.604, 69.8856, 75.087, 63.5927, 46.4182, 66.8054,
-        63.3828,
+        49.9755, 54.6482, 82.7549, 91.486, 93.4318, 86.6823, 104.865, 117.008, 117.812, 114.861, 115.923,
+        108.811, 109.354, 107.802, 104.79, 107.689, 104.405, 104.046, 100.0, 96.3342, 95.788, 88.6856,
+        90.0062, 89.5991, 87.6987, 83.2886, 83.6992, 80.0268, 80.2146, 82.2778, 78.2842, 69.7213, 71.6091,
+        74.349, 61.604, 69.8856, 75.087, 63.5927, 46.4182, 66.8054, 63.3828,
     ];
     let t = ((wavelength - 380.0) / 10.0).clamp(0.0, 40.0);
     let i = (t as usize).min(39);
@@ -188,45 +174,18 @@ pub(crate) enum Named {
 /// Mitsuba 0.6 and Tungsten print; aluminium with the digits of the project's reference scenes. pbrt-v4 uses the
 /// same measured data. Glasses: n_d of the makers' catalogues (Schott; pbrt's F5, F10, F11 are SF5, SF10, SF11).
 pub(crate) const NAMED: [(&str, Named); 22] = [
-    (
-        "metal-Ag-eta",
-        Named::Metal([0.155_264_65, 0.116_723_3, 0.138_380_7]),
-    ),
-    (
-        "metal-Ag-k",
-        Named::Metal([4.828_343_3, 3.122_246, 2.146_950_4]),
-    ),
+    ("metal-Ag-eta", Named::Metal([0.155_264_65, 0.116_723_3, 0.138_380_7])),
+    ("metal-Ag-k", Named::Metal([4.828_343_3, 3.122_246, 2.146_950_4])),
     ("metal-Al-eta", Named::Metal([1.6575, 0.880405, 0.521244])),
     ("metal-Al-k", Named::Metal([9.22381, 6.2695, 4.837])),
-    (
-        "metal-Au-eta",
-        Named::Metal([0.143_118_96, 0.374_957_04, 1.442_478_6]),
-    ),
-    (
-        "metal-Au-k",
-        Named::Metal([3.983_160_4, 2.385_720_7, 1.603_215_3]),
-    ),
-    (
-        "metal-Cu-eta",
-        Named::Metal([0.200_437_7, 0.924_033_4, 1.102_212]),
-    ),
-    (
-        "metal-Cu-k",
-        Named::Metal([3.912_948_5, 2.452_847_7, 2.142_188]),
-    ),
-    (
-        "metal-MgO-eta",
-        Named::Metal([2.089_588_6, 1.650_722_5, 1.594_876]),
-    ),
+    ("metal-Au-eta", Named::Metal([0.143_118_96, 0.374_957_04, 1.442_478_6])),
+    ("metal-Au-k", Named::Metal([3.983_160_4, 2.385_720_7, 1.603_215_3])),
+    ("metal-Cu-eta", Named::Metal([0.200_437_7, 0.924_033_4, 1.102_212])),
+    ("metal-Cu-k", Named::Metal([3.912_948_5, 2.452_847_7, 2.142_188])),
+    ("metal-MgO-eta", Named::Metal([2.089_588_6, 1.650_722_5, 1.594_876])),
     ("metal-MgO-k", Named::Metal([0.0; 3])),
-    (
-        "metal-TiO2-eta",
-        Named::Metal([3.456_620_3, 2.801_707_7, 2.905_148_5]),
-    ),
-    (
-        "metal-TiO2-k",
-        Named::Metal([0.000_102_67, 0.0, 0.000_635_69]),
-    ),
+    ("metal-TiO2-eta", Named::Metal([3.456_620_3, 2.801_707_7, 2.905_148_5])),
+    ("metal-TiO2-k", Named::Metal([0.000_102_67, 0.0, 0.000_635_69])),
     ("glass-BK7", Named::Glass(1.5168)),
     ("glass-BAF10", Named::Glass(1.6700)),
     ("glass-FK51A", Named::Glass(1.4866)),
@@ -242,15 +201,8 @@ pub(crate) const NAMED: [(&str, Named); 22] = [
 /// The named spectrum, if there is one.
 pub(crate) fn named(name: &str) -> Option<Named> {
     // pbrt-v4 calls SF11 both names.
-    let name = if name == "glass-SF11" {
-        "glass-F11"
-    } else {
-        name
-    };
-    NAMED
-        .iter()
-        .find(|(known, _)| *known == name)
-        .map(|(_, value)| *value)
+    let name = if name == "glass-SF11" { "glass-F11" } else { name };
+    NAMED.iter().find(|(known, _)| *known == name).map(|(_, value)| *value)
 }
 
 #[cfg(test)]
@@ -267,23 +219,17 @@ mod tests {
     fn constants_stay_constant() {
         for v3 in [false, true] {
             assert_eq!(
-                Sampled::new(&[400.0, 0.3, 550.0, 0.3, 700.0, 0.3], v3)
-                    .unwrap()
-                    .surface_rgb(),
+                Sampled::new(&[400.0, 0.3, 550.0, 0.3, 700.0, 0.3], v3).unwrap().surface_rgb(),
                 [0.3; 3]
             );
         }
-        let nearly = Sampled::new(&[300.0, 0.3, 800.0, 0.300_000_001], true)
-            .unwrap()
-            .surface_rgb();
+        let nearly = Sampled::new(&[300.0, 0.3, 800.0, 0.300_000_001], true).unwrap().surface_rgb();
         assert!(nearly.iter().all(|c| (c - 0.3).abs() < 1e-8));
     }
 
     #[test]
     fn red_spectra_are_red() {
-        let [r, g, b] = Sampled::new(&[600.0, 1.0, 700.0, 1.0], false)
-            .unwrap()
-            .surface_rgb();
+        let [r, g, b] = Sampled::new(&[600.0, 1.0, 700.0, 1.0], false).unwrap().surface_rgb();
         assert!(r > 0.5 && g < 0.1 && b < 0.1, "{r} {g} {b}");
     }
 
@@ -296,10 +242,7 @@ mod tests {
             assert!((luminance - 1.0).abs() < 0.03, "{kelvin} K: {luminance}");
         }
         let [r, g, b] = blackbody_rgb(6500.0, false);
-        assert!(
-            (r - 1.0).abs() < 0.06 && (g - 1.0).abs() < 0.06 && (b - 1.0).abs() < 0.06,
-            "{r} {g} {b}"
-        );
+        assert!((r - 1.0).abs() < 0.06 && (g - 1.0).abs() < 0.06 && (b - 1.0).abs() < 0.06, "{r} {g} {b}");
         let [r, g, b] = blackbody_rgb(2700.0, false);
         assert!(r > 1.5 && g < 1.0 && b < 0.4, "{r} {g} {b}");
     }

@@ -2,9 +2,7 @@
 
 /// `; did you mean "x"?` if one of the names is near, else nothing.
 pub(crate) fn did_you_mean(found: &str, known: &[&str]) -> String {
-    nearest(found, known)
-        .map(|name| format!("; did you mean \"{name}\"?"))
-        .unwrap_or_default()
+    nearest(found, known).map(|name| format!("; did you mean \"{name}\"?")).unwrap_or_default()
 }
 
 fn nearest<'a>(found: &str, known: &[&'a str]) -> Option<&'a str> {

@@ -35,11 +35,8 @@ fn sin_cos_degrees(degrees: f64) -> (f64, f64) {
 
 /// Rodrigues' formula: cos I + (1 - cos) a a^T + sin [a]x.
 fn rotation_matrix(a: DVec3, sin: f64, cos: f64) -> DMat3 {
-    let cross = DMat3::from_cols(
-        DVec3::new(0.0, a.z, -a.y),
-        DVec3::new(-a.z, 0.0, a.x),
-        DVec3::new(a.y, -a.x, 0.0),
-    );
+    let cross =
+        DMat3::from_cols(DVec3::new(0.0, a.z, -a.y), DVec3::new(-a.z, 0.0, a.x), DVec3::new(a.y, -a.x, 0.0));
     let outer = DMat3::from_cols(a * a.x, a * a.y, a * a.z);
     DMat3::IDENTITY * cos + outer * (1.0 - cos) + cross * sin
 }
@@ -55,8 +52,7 @@ pub(crate) fn look_at(eye: [f64; 3], look: [f64; 3], up: [f64; 3]) -> Option<DAf
     }
     let right = right.normalize();
     let up = forward.cross(right);
-    let world_from_camera =
-        DAffine3::from_mat3_translation(DMat3::from_cols(right, up, forward), eye);
+    let world_from_camera = DAffine3::from_mat3_translation(DMat3::from_cols(right, up, forward), eye);
     Some(world_from_camera.inverse())
 }
 
@@ -75,10 +71,8 @@ pub(crate) fn matrix(m: &[f64; 16]) -> Result<DAffine3, MatrixError> {
         return Err(MatrixError::Projective);
     }
     let column = |i: usize| DVec3::new(m[i], m[i + 1], m[i + 2]) / m[15];
-    let affine = DAffine3::from_mat3_translation(
-        DMat3::from_cols(column(0), column(4), column(8)),
-        column(12),
-    );
+    let affine =
+        DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(4), column(8)), column(12));
     invertible(affine).ok_or(MatrixError::Singular)
 }
 
@@ -125,19 +119,14 @@ mod tests {
     #[test]
     fn look_at_is_left_handed() {
         let camera = look_at([0.0, 0.0, -5.0], [0.0; 3], [0.0, 1.0, 0.0]).unwrap();
-        close(
-            camera.transform_point3(DVec3::new(1.0, 2.0, 0.0)),
-            [1.0, 2.0, 5.0],
-        );
+        close(camera.transform_point3(DVec3::new(1.0, 2.0, 0.0)), [1.0, 2.0, 5.0]);
         assert!(look_at([1.0; 3], [1.0; 3], [0.0, 1.0, 0.0]).is_none());
         assert!(look_at([0.0; 3], [0.0, 2.0, 0.0], [0.0, 1.0, 0.0]).is_none());
     }
 
     #[test]
     fn matrices_are_column_major() {
-        let m = [
-            1.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 5.0, 6.0, 7.0, 1.0,
-        ];
+        let m = [1.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 5.0, 6.0, 7.0, 1.0];
         let t = matrix(&m).unwrap();
         close(t.transform_point3(DVec3::ONE), [6.0, 8.0, 8.0]);
         let mut projective = m;

@@ -21,22 +21,13 @@ const KNOWN: [&str; 4] = ["infinite", "point", "spot", "distant"];
 
 impl Builder {
     /// `AreaLightSource`: the emission of the following shapes.
-    pub(super) fn area_light(
-        &mut self,
-        kind: &Name,
-        parameters: &Parameters,
-        span: Span,
-    ) -> Result<()> {
+    pub(super) fn area_light(&mut self, kind: &Name, parameters: &Parameters, span: Span) -> Result<()> {
         match kind.text.as_str() {
             "diffuse" => {}
             "area" => self.dialect.saw_v3(kind.span)?,
             _ => return Err(unknown_kind("area light", kind, &["diffuse"])),
         }
-        refuse(
-            parameters,
-            "filename",
-            "pictures on area lights are not supported",
-        )?;
+        refuse(parameters, "filename", "pictures on area lights are not supported")?;
         let radiance = self.light_color(parameters, "L")?;
         let emission = Emission {
             radiance: rgb32(radiance, parameters, "L")?,
@@ -71,16 +62,10 @@ impl Builder {
         // v3's scale is a colour.
         let scale = match parameters.find("scale").map(|p| p.ty) {
             None | Some(ParameterType::Float) => [parameters.float_or("scale", 1.0)?; 3],
-            Some(_) => self
-                .surface_spectrum(parameters, "scale")?
-                .unwrap_or([1.0; 3]),
+            Some(_) => self.surface_spectrum(parameters, "scale")?.unwrap_or([1.0; 3]),
         };
         if scale.iter().any(|&s| s < 0.0) {
-            return Err(parameters.bad(
-                "scale",
-                "negative",
-                "expected a number that is not negative",
-            ));
+            return Err(parameters.bad("scale", "negative", "expected a number that is not negative"));
         }
         Ok(std::array::from_fn(|i| color[i] * scale[i]))
     }
@@ -92,11 +77,8 @@ impl Builder {
         refuse(parameters, "portal", "portals are not supported")?;
         let radiance = self.light_color(parameters, "L")?;
         // Radiance L from all sides gives the irradiance pi L.
-        let factor =
-            positive(parameters, "illuminance")?.map_or(1.0, |illuminance| illuminance / PI);
-        Ok(Light::Infinite {
-            radiance: rgb32(radiance.map(|c| c * factor), parameters, "L")?,
-        })
+        let factor = positive(parameters, "illuminance")?.map_or(1.0, |illuminance| illuminance / PI);
+        Ok(Light::Infinite { radiance: rgb32(radiance.map(|c| c * factor), parameters, "L")? })
     }
 
     fn point(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
@@ -104,10 +86,7 @@ impl Builder {
         let intensity = self.light_color(parameters, "I")?.map(|c| c * factor);
         let from = parameters.point3("from")?.unwrap_or([0.0; 3]);
         let position = self.world_point(from, span)?;
-        Ok(Light::Point {
-            intensity: rgb32(intensity, parameters, "I")?,
-            position,
-        })
+        Ok(Light::Point { intensity: rgb32(intensity, parameters, "I")?, position })
     }
 
     fn spot(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
@@ -148,10 +127,7 @@ impl Builder {
         let (_, direction) = self.aim(parameters, span)?;
         let factor = positive(parameters, "illuminance")?.unwrap_or(1.0);
         let radiance = self.light_color(parameters, "L")?.map(|c| c * factor);
-        Ok(Light::Distant {
-            radiance: rgb32(radiance, parameters, "L")?,
-            direction,
-        })
+        Ok(Light::Distant { radiance: rgb32(radiance, parameters, "L")?, direction })
     }
 
     /// World position of `from`, and unit vector from there to `to`.
@@ -159,20 +135,15 @@ impl Builder {
         let from = DVec3::from_array(parameters.point3("from")?.unwrap_or([0.0; 3]));
         let to = DVec3::from_array(parameters.point3("to")?.unwrap_or([0.0, 0.0, 1.0]));
         let ctm = self.static_ctm(span)?;
-        let direction = ctm
-            .transform_vector3(to - from)
-            .try_normalize()
-            .ok_or_else(|| {
-                Problem::at(span, "the light has no direction")
-                    .label("expected different points \"from\" and \"to\"")
-            })?;
+        let direction = ctm.transform_vector3(to - from).try_normalize().ok_or_else(|| {
+            Problem::at(span, "the light has no direction")
+                .label("expected different points \"from\" and \"to\"")
+        })?;
         Ok((self.world_point(from.to_array(), span)?, direction))
     }
 
     fn world_point(&self, point: [f64; 3], span: Span) -> Result<DVec3> {
-        let position = self
-            .static_ctm(span)?
-            .transform_point3(DVec3::from_array(point));
+        let position = self.static_ctm(span)?.transform_point3(DVec3::from_array(point));
         if position.as_vec3().is_finite() {
             return Ok(position);
         }
@@ -199,11 +170,10 @@ fn power(parameters: &Parameters) -> Result<Option<f32>> {
 /// Complains about a parameter that is given and has any effect.
 fn refuse(parameters: &Parameters, name: &'static str, message: &str) -> Result<()> {
     match parameters.find(name) {
-        Some(parameter) if parameter.strings() != [""] => Err(Problem::at(
-            parameter.span,
-            format!("\"{name}\": {message}"),
-        )
-        .label("expected a light without it")),
+        Some(parameter) if parameter.strings() != [""] => {
+            Err(Problem::at(parameter.span, format!("\"{name}\": {message}"))
+                .label("expected a light without it"))
+        }
         _ => Ok(()),
     }
 }

@@ -16,16 +16,8 @@ use super::{Builder, unknown_kind, unsupported_kind};
 /// pbrt's `EffectivelySmooth`: below it a surface is smooth.
 const SMOOTH: f64 = 1e-3;
 
-const SUPPORTED: [&str; 8] = [
-    "diffuse",
-    "conductor",
-    "dielectric",
-    "thindielectric",
-    "matte",
-    "mirror",
-    "metal",
-    "glass",
-];
+const SUPPORTED: [&str; 8] =
+    ["diffuse", "conductor", "dielectric", "thindielectric", "matte", "mirror", "metal", "glass"];
 
 const UNSUPPORTED: [&str; 16] = [
     "coateddiffuse",
@@ -87,10 +79,7 @@ impl MaterialTable {
         if let Some(id) = self.names.get(&name.text) {
             return *id;
         }
-        let id = self.add(Slot::Pending {
-            name: name.text.clone(),
-            span: name.span,
-        });
+        let id = self.add(Slot::Pending { name: name.text.clone(), span: name.span });
         self.names.insert(name.text.clone(), id);
         id
     }
@@ -143,20 +132,10 @@ impl MaterialTable {
         match &self.slots[index] {
             Slot::Defined(material) => Ok(*material),
             Slot::Pending { name, span } => {
-                let known: Vec<&str> = self
-                    .names
-                    .keys()
-                    .filter(|name| self.is_defined(name))
-                    .map(String::as_str)
-                    .collect();
-                Err(
-                    Problem::at(*span, format!("unknown material \"{}\"", shorten(name))).label(
-                        format!(
-                            "expected the name of a MakeNamedMaterial{}",
-                            did_you_mean(name, &known)
-                        ),
-                    ),
-                )
+                let known: Vec<&str> =
+                    self.names.keys().filter(|name| self.is_defined(name)).map(String::as_str).collect();
+                Err(Problem::at(*span, format!("unknown material \"{}\"", shorten(name)))
+                    .label(format!("expected the name of a MakeNamedMaterial{}", did_you_mean(name, &known))))
             }
         }
     }
@@ -171,26 +150,17 @@ impl Builder {
     }
 
     /// `MakeNamedMaterial "name" "string type" "kind" ...`
-    pub(super) fn make_named_material(
-        &mut self,
-        name: Name,
-        parameters: &Parameters,
-    ) -> Result<()> {
+    pub(super) fn make_named_material(&mut self, name: Name, parameters: &Parameters) -> Result<()> {
         let Some(text) = parameters.string("type")? else {
             return Err(Problem::at(name.span, "material without \"string type\"")
                 .label("expected \"string type\" with the kind of material"));
         };
         let span = parameters.find("type").map_or(name.span, |p| p.values_span);
-        let kind = Name {
-            text: text.to_string(),
-            span,
-        };
+        let kind = Name { text: text.to_string(), span };
         let material = self.read_material(&kind, parameters)?;
         if self.materials.is_defined(&name.text) {
-            let problem = Problem::at(
-                name.span,
-                format!("material \"{}\" is defined twice", shorten(&name.text)),
-            );
+            let problem =
+                Problem::at(name.span, format!("material \"{}\" is defined twice", shorten(&name.text)));
             if !self.dialect.is_v3() {
                 return Err(problem);
             }
@@ -216,20 +186,17 @@ impl Builder {
             "mirror" => self.mirror(kind, parameters)?,
             "dielectric" => self.dielectric(parameters)?,
             "glass" => self.glass(parameters)?,
-            "thindielectric" => Material::ThinDielectric {
-                eta: self.index_of_refraction(parameters, "eta")?,
-            },
+            "thindielectric" => {
+                Material::ThinDielectric { eta: self.index_of_refraction(parameters, "eta")? }
+            }
             "mix" => self.mix(kind, parameters)?,
             "plastic" | "substrate" | "uber" => self.matte_in_disguise(kind, parameters)?,
             other if UNSUPPORTED.contains(&other) => {
                 return Err(unsupported_kind("material", kind, &SUPPORTED));
             }
             _ => {
-                let known: Vec<&str> = SUPPORTED
-                    .into_iter()
-                    .chain(UNSUPPORTED)
-                    .filter(|n| !n.is_empty())
-                    .collect();
+                let known: Vec<&str> =
+                    SUPPORTED.into_iter().chain(UNSUPPORTED).filter(|n| !n.is_empty()).collect();
                 let problem = unknown_kind("material", kind, &known);
                 return Err(problem.label(format!(
                     "expected one of {}{}",
@@ -243,12 +210,7 @@ impl Builder {
     }
 
     /// A reflectance, clamped to [0, 1] as pbrt does.
-    fn reflectance(
-        &mut self,
-        parameters: &Parameters,
-        name: &'static str,
-        default: f64,
-    ) -> Result<Rgb64> {
+    fn reflectance(&mut self, parameters: &Parameters, name: &'static str, default: f64) -> Result<Rgb64> {
         let Some(value) = self.surface_spectrum(parameters, name)? else {
             return Ok([default; 3]);
         };
@@ -266,10 +228,7 @@ impl Builder {
         if !(0.0..=90.0).contains(&sigma) {
             return Err(parameters.bad("sigma", &sigma.to_string(), "expected 0 to 90 degrees"));
         }
-        Ok(Material::Diffuse {
-            reflectance,
-            sigma: sigma as f32,
-        })
+        Ok(Material::Diffuse { reflectance, sigma: sigma as f32 })
     }
 
     fn conductor(&mut self, parameters: &Parameters) -> Result<Material> {
@@ -277,9 +236,7 @@ impl Builder {
         if parameters.find("reflectance").is_some() {
             if parameters.find("eta").is_some() || parameters.find("k").is_some() {
                 return Err(Problem::new(
-                    parameters
-                        .find("reflectance")
-                        .map_or(Place::Nowhere, |p| Place::Span(p.span)),
+                    parameters.find("reflectance").map_or(Place::Nowhere, |p| Place::Span(p.span)),
                     "\"reflectance\" together with \"eta\" or \"k\"",
                 )
                 .label("expected either the reflectance or the optical constants"));
@@ -292,9 +249,8 @@ impl Builder {
 
     fn optical_constants(&mut self, parameters: &Parameters, alpha: [f32; 2]) -> Result<Material> {
         let mut constants = [[0.0f32; 3]; 2];
-        for (constant, (name, default)) in constants
-            .iter_mut()
-            .zip([("eta", "metal-Cu-eta"), ("k", "metal-Cu-k")])
+        for (constant, (name, default)) in
+            constants.iter_mut().zip([("eta", "metal-Cu-eta"), ("k", "metal-Cu-k")])
         {
             let value = match self.surface_spectrum(parameters, name)? {
                 Some(value) => value,
@@ -309,18 +265,12 @@ impl Builder {
             }
             *constant = rgb32(value, parameters, name)?;
         }
-        Ok(Material::Conductor {
-            eta: constants[0],
-            k: constants[1],
-            alpha,
-        })
+        Ok(Material::Conductor { eta: constants[0], k: constants[1], alpha })
     }
 
     /// v3's metal: like a conductor, but always rough, and with another scale of roughness.
     fn metal(&mut self, parameters: &Parameters) -> Result<Material> {
-        let alpha = self
-            .alpha(parameters, 0.01, v3_remap)?
-            .map(|alpha| alpha.max(1e-3));
+        let alpha = self.alpha(parameters, 0.01, v3_remap)?.map(|alpha| alpha.max(1e-3));
         self.optical_constants(parameters, alpha)
     }
 
@@ -336,28 +286,16 @@ impl Builder {
     fn dielectric(&mut self, parameters: &Parameters) -> Result<Material> {
         self.refuse_roughness(parameters, sqrt_remap)?;
         let eta = self.index_of_refraction(parameters, "eta")?;
-        Ok(Material::Dielectric {
-            eta,
-            reflectance: [1.0; 3],
-            transmittance: [1.0; 3],
-        })
+        Ok(Material::Dielectric { eta, reflectance: [1.0; 3], transmittance: [1.0; 3] })
     }
 
     fn glass(&mut self, parameters: &Parameters) -> Result<Material> {
         self.refuse_roughness(parameters, v3_remap)?;
-        let name = if parameters.find("eta").is_some() {
-            "eta"
-        } else {
-            "index"
-        };
+        let name = if parameters.find("eta").is_some() { "eta" } else { "index" };
         let eta = self.index_of_refraction(parameters, name)?;
         let reflectance = self.reflectance(parameters, "Kr", 1.0)?.map(|c| c as f32);
         let transmittance = self.reflectance(parameters, "Kt", 1.0)?.map(|c| c as f32);
-        Ok(Material::Dielectric {
-            eta,
-            reflectance,
-            transmittance,
-        })
+        Ok(Material::Dielectric { eta, reflectance, transmittance })
     }
 
     fn refuse_roughness(&mut self, parameters: &Parameters, remap: fn(f64) -> f64) -> Result<()> {
@@ -373,28 +311,18 @@ impl Builder {
             .into_iter()
             .find(|name| parameters.find(name).is_some())
             .unwrap_or("roughness");
-        Err(parameters.bad(
-            name,
-            "not 0",
-            "expected 0: rough dielectrics are not supported yet",
-        ))
+        Err(parameters.bad(name, "not 0", "expected 0: rough dielectrics are not supported yet"))
     }
 
     fn roughness(&mut self, parameters: &Parameters, default: f64) -> Result<[f64; 2]> {
-        let both = self
-            .float_texture(parameters, "roughness")?
-            .unwrap_or(default);
+        let both = self.float_texture(parameters, "roughness")?.unwrap_or(default);
         let mut values = [both; 2];
         for (value, name) in values.iter_mut().zip(["uroughness", "vroughness"]) {
             if let Some(own) = self.float_texture(parameters, name)? {
                 *value = own;
             }
             if *value < 0.0 {
-                let name = if parameters.find(name).is_some() {
-                    name
-                } else {
-                    "roughness"
-                };
+                let name = if parameters.find(name).is_some() { name } else { "roughness" };
                 return Err(parameters.bad(
                     name,
                     &value.to_string(),
@@ -406,18 +334,10 @@ impl Builder {
     }
 
     /// GGX alpha along u and v; `[0, 0]` where pbrt treats the surface as smooth.
-    fn alpha(
-        &mut self,
-        parameters: &Parameters,
-        default: f64,
-        remap: fn(f64) -> f64,
-    ) -> Result<[f32; 2]> {
+    fn alpha(&mut self, parameters: &Parameters, default: f64, remap: fn(f64) -> f64) -> Result<[f32; 2]> {
         let roughness = self.roughness(parameters, default)?;
-        let alpha = if parameters.bool_or("remaproughness", true)? {
-            roughness.map(remap)
-        } else {
-            roughness
-        };
+        let alpha =
+            if parameters.bool_or("remaproughness", true)? { roughness.map(remap) } else { roughness };
         if alpha[0].max(alpha[1]) < SMOOTH {
             return Ok([0.0; 2]);
         }
@@ -445,9 +365,8 @@ impl Builder {
                 }
             };
             if disperses {
-                let text = format!(
-                    "dispersion is ignored: the index of refraction is {eta:.4} for all colours"
-                );
+                let text =
+                    format!("dispersion is ignored: the index of refraction is {eta:.4} for all colours");
                 self.warn(parameter.problem(text));
             }
             eta
@@ -457,51 +376,38 @@ impl Builder {
         if eta > 0.0 && (eta as f32).is_finite() && eta as f32 > 0.0 {
             return Ok(eta as f32);
         }
-        Err(parameters.bad(
-            name,
-            &eta.to_string(),
-            "expected an index of refraction above 0",
-        ))
+        Err(parameters.bad(name, &eta.to_string(), "expected an index of refraction above 0"))
     }
 
     /// A mixture is supported where it is none: of equal materials, or with one of them only.
     fn mix(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
-        let names: Vec<(String, Place)> =
-            match parameters.typed("materials", &[ParameterType::String])? {
-                Some(list) => list
-                    .strings()
-                    .iter()
-                    .enumerate()
-                    .map(|(i, s)| (s.clone(), list.place(i)))
-                    .collect(),
-                None => {
-                    let mut names = Vec::new();
-                    for name in ["namedmaterial1", "namedmaterial2"] {
-                        let Some(text) = parameters.string(name)? else {
-                            continue;
-                        };
-                        names.push((
-                            text.to_string(),
-                            parameters.find(name).map_or(Place::Nowhere, |p| p.place(0)),
-                        ));
-                    }
-                    names
+        let names: Vec<(String, Place)> = match parameters.typed("materials", &[ParameterType::String])? {
+            Some(list) => {
+                list.strings().iter().enumerate().map(|(i, s)| (s.clone(), list.place(i))).collect()
+            }
+            None => {
+                let mut names = Vec::new();
+                for name in ["namedmaterial1", "namedmaterial2"] {
+                    let Some(text) = parameters.string(name)? else {
+                        continue;
+                    };
+                    names.push((
+                        text.to_string(),
+                        parameters.find(name).map_or(Place::Nowhere, |p| p.place(0)),
+                    ));
                 }
-            };
+                names
+            }
+        };
         let [first, second] = &names[..] else {
-            return Err(
-                Problem::at(kind.span, "material \"mix\" without two materials")
-                    .label("expected \"string materials\" with two names"),
-            );
+            return Err(Problem::at(kind.span, "material \"mix\" without two materials")
+                .label("expected \"string materials\" with two names"));
         };
         let mut found = [Material::ThinDielectric { eta: 1.0 }; 2];
         for (material, (name, place)) in found.iter_mut().zip([first, second]) {
             *material = self.materials.by_name(name).ok_or_else(|| {
-                Problem::new(
-                    place.clone(),
-                    format!("unknown material \"{}\"", shorten(name)),
-                )
-                .label("expected one that is defined before")
+                Problem::new(place.clone(), format!("unknown material \"{}\"", shorten(name)))
+                    .label("expected one that is defined before")
             })?;
         }
         // v4's amount is the share of the second material, v3's of the first.
@@ -517,9 +423,7 @@ impl Builder {
         };
         match amount {
             _ if found[0] == found[1] => Ok(found[0]),
-            Some(amount) if amount == 0.0 || amount == 1.0 => {
-                Ok(found[usize::from((amount == 1.0) != v3)])
-            }
+            Some(amount) if amount == 0.0 || amount == 1.0 => Ok(found[usize::from((amount == 1.0) != v3)]),
             _ => Err(unsupported_kind("material", kind, &SUPPORTED)
                 .label("expected equal materials: true mixtures are not supported")),
         }
@@ -529,17 +433,11 @@ impl Builder {
     fn matte_in_disguise(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
         let uber = kind.text == "uber";
         let specular = if kind.text == "substrate" { 0.5 } else { 0.25 };
-        let mut glossy = self
-            .surface_spectrum(parameters, "Ks")?
-            .unwrap_or([specular; 3])
-            != [0.0; 3];
+        let mut glossy = self.surface_spectrum(parameters, "Ks")?.unwrap_or([specular; 3]) != [0.0; 3];
         if uber {
             glossy |= self.surface_spectrum(parameters, "Kr")?.unwrap_or([0.0; 3]) != [0.0; 3];
             glossy |= self.surface_spectrum(parameters, "Kt")?.unwrap_or([0.0; 3]) != [0.0; 3];
-            glossy |= self
-                .surface_spectrum(parameters, "opacity")?
-                .unwrap_or([1.0; 3])
-                != [1.0; 3];
+            glossy |= self.surface_spectrum(parameters, "opacity")?.unwrap_or([1.0; 3]) != [1.0; 3];
             parameters.accept(&["eta", "index"]);
         }
         if glossy || kind.text == "substrate" {
@@ -547,10 +445,7 @@ impl Builder {
         }
         parameters.accept(&["roughness", "uroughness", "vroughness", "remaproughness"]);
         let reflectance = self.reflectance(parameters, "Kd", 0.25)?.map(|c| c as f32);
-        Ok(Material::Diffuse {
-            reflectance,
-            sigma: 0.0,
-        })
+        Ok(Material::Diffuse { reflectance, sigma: 0.0 })
     }
 }
 
@@ -571,11 +466,7 @@ fn conductor_of_reflectance(reflectance: Rgb64, alpha: [f32; 2]) -> Material {
         let r = r.clamp(0.0, 0.9999);
         (2.0 * r.sqrt() / (1.0 - r).sqrt()) as f32
     });
-    Material::Conductor {
-        eta: [1.0; 3],
-        k,
-        alpha,
-    }
+    Material::Conductor { eta: [1.0; 3], k, alpha }
 }
 
 #[cfg(test)]
@@ -584,9 +475,7 @@ mod tests {
 
     #[test]
     fn reflectance_is_met_at_normal_incidence() {
-        let Material::Conductor { eta, k, .. } =
-            conductor_of_reflectance([0.0, 0.4, 0.9], [0.0; 2])
-        else {
+        let Material::Conductor { eta, k, .. } = conductor_of_reflectance([0.0, 0.4, 0.9], [0.0; 2]) else {
             panic!()
         };
         for (i, expected) in [0.0, 0.4, 0.9].into_iter().enumerate() {

@@ -103,15 +103,9 @@ pub(crate) struct Builder {
 impl Builder {
     pub(crate) fn new(dialect: Dialect, directory: PathBuf) -> Builder {
         let mut materials = MaterialTable::default();
-        let default_material = materials.intern(Material::Diffuse {
-            reflectance: [0.5; 3],
-            sigma: 0.0,
-        });
+        let default_material = materials.intern(Material::Diffuse { reflectance: [0.5; 3], sigma: 0.0 });
         Builder {
-            scene: SceneDescription {
-                max_depth: 5,
-                ..SceneDescription::default()
-            },
+            scene: SceneDescription { max_depth: 5, ..SceneDescription::default() },
             dialect,
             warnings: Vec::new(),
             suppressed_warnings: 0,
@@ -137,12 +131,7 @@ impl Builder {
         if self.directory != directory {
             self.directory = directory.to_path_buf();
         }
-        let Statement {
-            keyword,
-            span,
-            directive,
-            v3_sign,
-        } = statement;
+        let Statement { keyword, span, directive, v3_sign } = statement;
         if let Some(span) = v3_sign {
             self.dialect.saw_v3(span)?;
         }
@@ -157,15 +146,10 @@ impl Builder {
             Directive::Transform(op) => self.transform(keyword, &op, span),
             Directive::ActiveTransform(name) => self.active_transform(&name),
             Directive::Named(naming, name) => self.named(naming, name, span),
-            Directive::Entity(entity, name, parameters) => {
-                self.entity(entity, name, parameters, span)
+            Directive::Entity(entity, name, parameters) => self.entity(entity, name, parameters, span),
+            Directive::Texture { name, value_type, class, parameters } => {
+                self.texture(name, &value_type, class, parameters)
             }
-            Directive::Texture {
-                name,
-                value_type,
-                class,
-                parameters,
-            } => self.texture(name, &value_type, class, parameters),
             Directive::MediumInterface(inside, outside) => medium_interface(&inside, &outside),
             Directive::Option(parameter) => self.option(&parameter),
         }
@@ -220,17 +204,13 @@ impl Builder {
         self.in_world = true;
         self.state.ctm = [DAffine3::IDENTITY; 2];
         self.state.active = ActiveTransform::All;
-        self.coordinate_systems
-            .insert("world".into(), self.state.ctm);
+        self.coordinate_systems.insert("world".into(), self.state.ctm);
         Ok(())
     }
 
     fn push(&mut self, block: Block, span: Span) -> Result<()> {
         if self.stack.len() >= MAX_NESTING {
-            return Err(
-                Problem::at(span, format!("more than {MAX_NESTING} nested blocks"))
-                    .label("too deep"),
-            );
+            return Err(Problem::at(span, format!("more than {MAX_NESTING} nested blocks")).label("too deep"));
         }
         self.stack.push((block, span, self.state.clone()));
         Ok(())
@@ -242,11 +222,9 @@ impl Builder {
             return Err(Problem::at(span, message).label("nothing is open here"));
         };
         if open != block {
-            return Err(
-                Problem::at(span, format!("{} inside {}", block.end(), open.begin()))
-                    .label(format!("expected {}", open.end()))
-                    .note(Place::Span(opened_at), "opened here"),
-            );
+            return Err(Problem::at(span, format!("{} inside {}", block.end(), open.begin()))
+                .label(format!("expected {}", open.end()))
+                .note(Place::Span(opened_at), "opened here"));
         }
         // In v4 TransformBegin is another word for AttributeBegin.
         if block == Block::Transform && self.dialect.is_v3() {
@@ -263,8 +241,7 @@ impl Builder {
             return Ok(());
         };
         let message = format!("{} is never closed", block.begin());
-        let problem =
-            Problem::at(*span, message).label(format!("expected {} behind it", block.end()));
+        let problem = Problem::at(*span, message).label(format!("expected {} behind it", block.end()));
         Err(match at {
             Some(end) => problem.note(Place::Span(end), "the scene ends here"),
             None => problem,
@@ -278,23 +255,22 @@ impl Builder {
             TransformOp::Scale(v) => transform::scale(*v).ok_or_else(|| {
                 bad("the scale cannot be inverted").label("expected factors that are not 0")
             })?,
-            TransformOp::Rotate([angle, x, y, z]) => transform::rotate(*angle, [*x, *y, *z])
-                .ok_or_else(|| bad("the axis has no direction"))?,
-            TransformOp::LookAt([ex, ey, ez, lx, ly, lz, ux, uy, uz]) => {
-                transform::look_at([*ex, *ey, *ez], [*lx, *ly, *lz], [*ux, *uy, *uz]).ok_or_else(
-                    || {
-                        bad("no direction follows from these points").label(
-                    "expected two different points and an up vector not parallel to the view",
-                )
-                    },
-                )?
+            TransformOp::Rotate([angle, x, y, z]) => {
+                transform::rotate(*angle, [*x, *y, *z]).ok_or_else(|| bad("the axis has no direction"))?
             }
-            TransformOp::Transform(m) | TransformOp::ConcatTransform(m) => transform::matrix(m)
-                .map_err(|error| match error {
+            TransformOp::LookAt([ex, ey, ez, lx, ly, lz, ux, uy, uz]) => {
+                transform::look_at([*ex, *ey, *ez], [*lx, *ly, *lz], [*ux, *uy, *uz]).ok_or_else(|| {
+                    bad("no direction follows from these points")
+                        .label("expected two different points and an up vector not parallel to the view")
+                })?
+            }
+            TransformOp::Transform(m) | TransformOp::ConcatTransform(m) => {
+                transform::matrix(m).map_err(|error| match error {
                     MatrixError::Projective => bad("the matrix is projective")
                         .label("expected 0 0 0 and not 0 as entries 4, 8, 12 and 16"),
                     MatrixError::Singular => bad("the matrix cannot be inverted"),
-                })?,
+                })?
+            }
             // Times of a motion; without motion they mean nothing.
             TransformOp::Times(_) => return Ok(()),
         };
@@ -302,12 +278,7 @@ impl Builder {
             TransformOp::Transform(_) => self.state.update(|_| change),
             _ => self.state.update(|ctm| ctm * change),
         }
-        if self
-            .state
-            .ctm
-            .iter()
-            .any(|ctm| transform::invertible(*ctm).is_none())
-        {
+        if self.state.ctm.iter().any(|ctm| transform::invertible(*ctm).is_none()) {
             return Err(bad("the transform that results cannot be inverted"));
         }
         Ok(())
@@ -319,10 +290,8 @@ impl Builder {
             "StartTime" => ActiveTransform::Start,
             "EndTime" => ActiveTransform::End,
             other => {
-                return Err(
-                    Problem::at(name.span, format!("unknown time `{}`", shorten(other)))
-                        .label("expected StartTime, EndTime or All"),
-                );
+                return Err(Problem::at(name.span, format!("unknown time `{}`", shorten(other)))
+                    .label("expected StartTime, EndTime or All"));
             }
         };
         Ok(())
@@ -348,11 +317,7 @@ impl Builder {
                     self.state.ctm = *ctm;
                     Ok(())
                 }
-                None => Err(unknown(
-                    "coordinate system",
-                    &name,
-                    self.coordinate_systems.keys(),
-                )),
+                None => Err(unknown("coordinate system", &name, self.coordinate_systems.keys())),
             },
             Naming::NamedMaterial => {
                 self.state.material = self.materials.named(&name);
@@ -362,23 +327,16 @@ impl Builder {
             Naming::ObjectInstance => self.instance(&name, span),
             Naming::ColorSpace => match name.text.as_str() {
                 "srgb" => Ok(()),
-                "aces2065-1" | "rec2020" | "dci-p3" => Err(Problem::at(
-                    name.span,
-                    format!("color space \"{}\" is not supported", name.text),
-                )
-                .label("expected \"srgb\"")),
+                "aces2065-1" | "rec2020" | "dci-p3" => {
+                    Err(Problem::at(name.span, format!("color space \"{}\" is not supported", name.text))
+                        .label("expected \"srgb\""))
+                }
                 _ => Err(unknown_kind("color space", &name, &["srgb"])),
             },
         }
     }
 
-    fn entity(
-        &mut self,
-        entity: Entity,
-        name: Name,
-        parameters: Parameters,
-        span: Span,
-    ) -> Result<()> {
+    fn entity(&mut self, entity: Entity, name: Name, parameters: Parameters, span: Span) -> Result<()> {
         match entity {
             Entity::Accelerator => {
                 parameters.accept_all();
@@ -390,10 +348,8 @@ impl Builder {
             Entity::Integrator => self.integrator(&name, &parameters),
             Entity::PixelFilter => self.pixel_filter(&name, &parameters),
             Entity::Sampler => self.sampler(&name, &parameters),
-            Entity::MakeNamedMedium => {
-                Err(Problem::at(span, "participating media are not supported")
-                    .label("MakeNamedMedium cannot be rendered"))
-            }
+            Entity::MakeNamedMedium => Err(Problem::at(span, "participating media are not supported")
+                .label("MakeNamedMedium cannot be rendered")),
             Entity::Material => {
                 let parameters = parameters.with_defaults(&self.state.defaults.material);
                 self.material(&name, &parameters)
@@ -438,10 +394,7 @@ impl Builder {
         Ok(())
     }
 
-    #[expect(
-        clippy::boxed_local,
-        reason = "problems are made boxed, for the sake of `Result`"
-    )]
+    #[expect(clippy::boxed_local, reason = "problems are made boxed, for the sake of `Result`")]
     fn warn(&mut self, problem: Box<Problem>) {
         if self.warnings.len() < MAX_WARNINGS {
             self.warnings.push(*problem);
@@ -490,11 +443,7 @@ impl Builder {
         self.materials.finish(&mut self.scene)?;
         self.scale_lights()?;
         self.final_warnings();
-        Ok(Finished {
-            scene: self.scene,
-            warnings: self.warnings,
-            inputs: self.inputs,
-        })
+        Ok(Finished { scene: self.scene, warnings: self.warnings, inputs: self.inputs })
     }
 
     fn finish_filter(&mut self) {
@@ -513,10 +462,7 @@ impl Builder {
             !scene.lights.is_empty() || scene.shapes.iter().any(|shape| shape.emission.is_some())
         };
         if !emits(&self.scene) {
-            self.warn(Problem::new(
-                Place::Nowhere,
-                "the scene has no lights: the picture will be black",
-            ));
+            self.warn(Problem::new(Place::Nowhere, "the scene has no lights: the picture will be black"));
         }
         if self.suppressed_warnings > 0 {
             let text = format!("{} more warnings are not shown", self.suppressed_warnings);
@@ -569,10 +515,9 @@ fn place_of(directive: &Directive) -> Where {
         Directive::Plain(Plain::WorldBegin) => Where::Options,
         Directive::Plain(Plain::Identity) => Where::Anywhere,
         Directive::Plain(_) | Directive::Texture { .. } => Where::World,
-        Directive::Named(
-            Naming::CoordinateSystem | Naming::CoordSysTransform | Naming::ColorSpace,
-            _,
-        ) => Where::Anywhere,
+        Directive::Named(Naming::CoordinateSystem | Naming::CoordSysTransform | Naming::ColorSpace, _) => {
+            Where::Anywhere
+        }
         Directive::Named(..) => Where::World,
         Directive::Entity(entity, ..) => match entity {
             Entity::Attribute | Entity::MakeNamedMedium => Where::Anywhere,
@@ -589,38 +534,23 @@ fn place_of(directive: &Directive) -> Where {
 }
 
 fn medium_interface(inside: &Name, outside: &Name) -> Result<()> {
-    match [inside, outside]
-        .into_iter()
-        .find(|name| !name.text.is_empty())
-    {
+    match [inside, outside].into_iter().find(|name| !name.text.is_empty()) {
         None => Ok(()),
-        Some(name) => Err(
-            Problem::at(name.span, "participating media are not supported")
-                .label("expected \"\", the vacuum, on both sides"),
-        ),
+        Some(name) => Err(Problem::at(name.span, "participating media are not supported")
+            .label("expected \"\", the vacuum, on both sides")),
     }
 }
 
 /// A name that was never defined.
 fn unknown<'a>(what: &str, name: &Name, known: impl Iterator<Item = &'a String>) -> Box<Problem> {
     let known: Vec<&str> = known.map(String::as_str).collect();
-    Problem::at(
-        name.span,
-        format!("unknown {what} \"{}\"", shorten(&name.text)),
-    )
-    .label(format!(
-        "expected one that is defined before{}",
-        did_you_mean(&name.text, &known)
-    ))
+    Problem::at(name.span, format!("unknown {what} \"{}\"", shorten(&name.text)))
+        .label(format!("expected one that is defined before{}", did_you_mean(&name.text, &known)))
 }
 
 /// A kind that does not exist.
 fn unknown_kind(what: &str, name: &Name, known: &[&str]) -> Box<Problem> {
-    Problem::at(
-        name.span,
-        format!("unknown {what} \"{}\"", shorten(&name.text)),
-    )
-    .label(format!(
+    Problem::at(name.span, format!("unknown {what} \"{}\"", shorten(&name.text))).label(format!(
         "expected one of {}{}",
         known.join(", "),
         did_you_mean(&name.text, known)
@@ -629,9 +559,6 @@ fn unknown_kind(what: &str, name: &Name, known: &[&str]) -> Box<Problem> {
 
 /// A kind that pbrt has and wavepath lacks.
 fn unsupported_kind(what: &str, name: &Name, supported: &[&str]) -> Box<Problem> {
-    Problem::at(
-        name.span,
-        format!("{what} \"{}\" is not supported", name.text),
-    )
-    .label(format!("expected one of {}", supported.join(", ")))
+    Problem::at(name.span, format!("{what} \"{}\" is not supported", name.text))
+        .label(format!("expected one of {}", supported.join(", ")))
 }

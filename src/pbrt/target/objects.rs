@@ -49,11 +49,7 @@ impl Builder {
             .label("expected a new name"));
         }
         self.push(Block::Object, span)?;
-        self.objects.open = Some(OpenObject {
-            name: name.text,
-            span,
-            shapes: Vec::new(),
-        });
+        self.objects.open = Some(OpenObject { name: name.text, span, shapes: Vec::new() });
         Ok(())
     }
 

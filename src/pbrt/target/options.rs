@@ -28,22 +28,12 @@ pub(super) struct Options {
 
 impl Default for Options {
     fn default() -> Options {
-        Options {
-            filter: None,
-            integrator_bounds: None,
-            exposure: 1.0,
-            seed: None,
-        }
+        Options { filter: None, integrator_bounds: None, exposure: 1.0, seed: None }
     }
 }
 
 impl Builder {
-    pub(super) fn camera(
-        &mut self,
-        name: &Name,
-        parameters: &Parameters,
-        span: Span,
-    ) -> Result<()> {
+    pub(super) fn camera(&mut self, name: &Name, parameters: &Parameters, span: Span) -> Result<()> {
         match name.text.as_str() {
             "perspective" => {}
             "orthographic" | "realistic" | "spherical" | "environment" => {
@@ -54,11 +44,11 @@ impl Builder {
         let camera_from_world = self.static_ctm(span)?;
         let world_from_camera = camera_from_world.inverse();
         if !world_from_camera.translation.as_vec3().is_finite() {
-            return Err(Problem::at(span, "the camera is too far away")
-                .label("expected coordinates below 3e38"));
+            return Err(
+                Problem::at(span, "the camera is too far away").label("expected coordinates below 3e38")
+            );
         }
-        self.coordinate_systems
-            .insert("camera".into(), [world_from_camera; 2]);
+        self.coordinate_systems.insert("camera".into(), [world_from_camera; 2]);
         self.scene.camera = Camera {
             world_from_camera,
             fov: self.field_of_view(parameters)?,
@@ -85,11 +75,7 @@ impl Builder {
             return Ok(fov);
         }
         let limit = if name == "fov" { 180 } else { 90 };
-        Err(parameters.bad(
-            name,
-            &fov.to_string(),
-            format!("expected degrees between 0 and {limit}"),
-        ))
+        Err(parameters.bad(name, &fov.to_string(), format!("expected degrees between 0 and {limit}")))
     }
 
     pub(super) fn film(&mut self, name: &Name, parameters: &Parameters) -> Result<()> {
@@ -129,10 +115,7 @@ impl Builder {
 
     /// v3's `scale` and v4's `exposuretime * iso / 100` scale the picture.
     fn exposure(&mut self, parameters: &Parameters) -> Result<()> {
-        if let Some(sensor) = parameters
-            .string("sensor")?
-            .filter(|sensor| *sensor != "cie1931")
-        {
+        if let Some(sensor) = parameters.string("sensor")?.filter(|sensor| *sensor != "cie1931") {
             return Err(parameters.bad(
                 "sensor",
                 sensor,
@@ -154,11 +137,7 @@ impl Builder {
         Ok(())
     }
 
-    fn pixel_bounds(
-        &mut self,
-        parameters: &Parameters,
-        [width, height]: [u32; 2],
-    ) -> Result<[u32; 4]> {
+    fn pixel_bounds(&mut self, parameters: &Parameters, [width, height]: [u32; 2]) -> Result<[u32; 4]> {
         let full = [0, i64::from(width), 0, i64::from(height)];
         let mut bounds = full;
         let mut name = "pixelbounds";
@@ -167,11 +146,7 @@ impl Builder {
         }
         if let Some(crop) = parameters.floats("cropwindow")? {
             let &[x0, x1, y0, y1] = crop else {
-                return Err(parameters.bad(
-                    "cropwindow",
-                    "not four numbers",
-                    "expected x0 x1 y0 y1",
-                ));
+                return Err(parameters.bad("cropwindow", "not four numbers", "expected x0 x1 y0 y1"));
             };
             if parameters.find("pixelbounds").is_some() {
                 self.warn(parameters.bad(
@@ -202,12 +177,8 @@ impl Builder {
     pub(super) fn pixel_filter(&mut self, name: &Name, parameters: &Parameters) -> Result<()> {
         const KNOWN: [&str; 4] = ["box", "gaussian", "triangle", "mitchell"];
         let filter = match name.text.as_str() {
-            "box" => Filter::Box {
-                radius: self.radius(parameters, 0.5)?,
-            },
-            "triangle" => Filter::Triangle {
-                radius: self.radius(parameters, 2.0)?,
-            },
+            "box" => Filter::Box { radius: self.radius(parameters, 0.5)? },
+            "triangle" => Filter::Triangle { radius: self.radius(parameters, 2.0)? },
             "gaussian" => self.gaussian(parameters)?,
             "mitchell" => Filter::Mitchell {
                 radius: self.radius(parameters, 2.0)?,
@@ -243,10 +214,7 @@ impl Builder {
 
     fn radius(&mut self, parameters: &Parameters, default: f64) -> Result<[f64; 2]> {
         let mut radius = [default; 2];
-        for (r, (v4, v3)) in radius
-            .iter_mut()
-            .zip([("xradius", "xwidth"), ("yradius", "ywidth")])
-        {
+        for (r, (v4, v3)) in radius.iter_mut().zip([("xradius", "xwidth"), ("yradius", "ywidth")]) {
             let name = match parameters.find(v3) {
                 Some(parameter) => {
                     self.dialect.saw_v3(parameter.span)?;
@@ -267,40 +235,23 @@ impl Builder {
     }
 
     pub(super) fn sampler(&mut self, name: &Name, parameters: &Parameters) -> Result<()> {
-        const KNOWN: [&str; 8] = [
-            "zsobol",
-            "sobol",
-            "paddedsobol",
-            "halton",
-            "pmj02bn",
-            "stratified",
-            "independent",
-            "random",
-        ];
+        const KNOWN: [&str; 8] =
+            ["zsobol", "sobol", "paddedsobol", "halton", "pmj02bn", "stratified", "independent", "random"];
         let (kind, default) = match name.text.as_str() {
             "independent" | "random" => (SamplerKind::Independent, 4),
-            "zsobol" | "sobol" | "paddedsobol" | "halton" | "pmj02bn" | "stratified"
-            | "02sequence" | "lowdiscrepancy" | "maxmindist" => (SamplerKind::Sobol, 16),
+            "zsobol" | "sobol" | "paddedsobol" | "halton" | "pmj02bn" | "stratified" | "02sequence"
+            | "lowdiscrepancy" | "maxmindist" => (SamplerKind::Sobol, 16),
             _ => return Err(unknown_kind("sampler", name, &KNOWN)),
         };
         let pixel_samples = if name.text == "stratified" {
-            let (x, y) = (
-                parameters.count_or("xsamples", 4)?,
-                parameters.count_or("ysamples", 4)?,
-            );
+            let (x, y) = (parameters.count_or("xsamples", 4)?, parameters.count_or("ysamples", 4)?);
             x.checked_mul(y)
                 .ok_or_else(|| parameters.bad("xsamples", "too large", "expected fewer samples"))?
         } else {
             parameters.count_or("pixelsamples", default)?
         };
-        let seed = parameters
-            .integer("seed")?
-            .map(|seed| u64::from(seed as u32));
-        self.scene.sampler = Sampler {
-            kind,
-            pixel_samples,
-            seed: seed.or(self.options.seed).unwrap_or(0),
-        };
+        let seed = parameters.integer("seed")?.map(|seed| u64::from(seed as u32));
+        self.scene.sampler = Sampler { kind, pixel_samples, seed: seed.or(self.options.seed).unwrap_or(0) };
         parameters.accept(&["randomization", "dimensions", "jitter", "samplepixelcenter"]);
         self.check_unused(parameters, &format!("sampler \"{}\"", name.text))
     }
@@ -311,17 +262,13 @@ impl Builder {
             "path" | "volpath" => {}
             "simplepath" | "simplevolpath" | "lightpath" | "bdpt" | "mlt" | "sppm" => {
                 self.warn(
-                    Problem::at(
-                        name.span,
-                        format!("integrator \"{}\" is rendered as \"path\"", name.text),
-                    )
-                    .label("both converge to the same picture"),
+                    Problem::at(name.span, format!("integrator \"{}\" is rendered as \"path\"", name.text))
+                        .label("both converge to the same picture"),
                 );
                 // Their other parameters steer methods that are not used.
                 parameters.accept_all();
             }
-            "ambientocclusion" | "ao" | "randomwalk" | "function" | "directlighting"
-            | "whitted" => {
+            "ambientocclusion" | "ao" | "randomwalk" | "function" | "directlighting" | "whitted" => {
                 return Err(unsupported_kind("integrator", name, &KNOWN));
             }
             _ => return Err(unknown_kind("integrator", name, &KNOWN)),
@@ -337,9 +284,7 @@ impl Builder {
             self.warn(parameters.bad("regularize", "ignored", "caustics are not blurred"));
         }
         if let Some(bounds) = four_integers(parameters, "pixelbounds")? {
-            let span = parameters
-                .find("pixelbounds")
-                .map_or(name.span, |p| p.values_span);
+            let span = parameters.find("pixelbounds").map_or(name.span, |p| p.values_span);
             self.options.integrator_bounds = Some((bounds, span));
         }
         // How fast it converges, not to what.
@@ -349,13 +294,8 @@ impl Builder {
 
     /// `Option`: switches of pbrt. Those that change the picture are worth a warning.
     pub(super) fn option(&mut self, option: &Parameter) -> Result<()> {
-        const SILENT: [&str; 5] = [
-            "rendercoordsys",
-            "msereferenceimage",
-            "msereferenceout",
-            "pixelstats",
-            "wavefront",
-        ];
+        const SILENT: [&str; 5] =
+            ["rendercoordsys", "msereferenceimage", "msereferenceout", "pixelstats", "wavefront"];
         const LOUD: [&str; 5] = [
             "disablepixeljitter",
             "disabletexturefiltering",
@@ -381,19 +321,13 @@ impl Builder {
             name if LOUD.contains(&name) => {
                 let off = option.values == Values::Bools(vec![false]);
                 if !off {
-                    self.warn(Problem::at(
-                        option.span,
-                        format!("option \"{name}\" is ignored"),
-                    ));
+                    self.warn(Problem::at(option.span, format!("option \"{name}\" is ignored")));
                 }
                 Ok(())
             }
             _ => {
                 let known: Vec<&str> = ["seed"].into_iter().chain(SILENT).chain(LOUD).collect();
-                let name = Name {
-                    text: option.name.clone(),
-                    span: option.span,
-                };
+                let name = Name { text: option.name.clone(), span: option.span };
                 Err(unknown_kind("option", &name, &known))
             }
         }
@@ -406,10 +340,7 @@ impl Builder {
         };
         let bounds = intersect(self.scene.film.pixel_bounds.map(i64::from), bounds);
         if bounds[0] >= bounds[1] || bounds[2] >= bounds[3] {
-            return Err(Problem::at(
-                span,
-                "no pixel of the image is inside these bounds",
-            ));
+            return Err(Problem::at(span, "no pixel of the image is inside these bounds"));
         }
         self.scene.film.pixel_bounds = bounds.map(|b| b as u32);
         Ok(())
@@ -460,18 +391,13 @@ fn four_integers(parameters: &Parameters, name: &'static str) -> Result<Option<[
         return Ok(None);
     };
     match &parameter.values {
-        Values::Integers(values) if values.len() == 4 => Ok(Some(
-            [values[0], values[1], values[2], values[3]].map(i64::from),
-        )),
+        Values::Integers(values) if values.len() == 4 => {
+            Ok(Some([values[0], values[1], values[2], values[3]].map(i64::from)))
+        }
         _ => Err(parameters.bad(name, "not four integers", "expected x0 x1 y0 y1")),
     }
 }
 
 fn intersect(a: [i64; 4], b: [i64; 4]) -> [i64; 4] {
-    [
-        a[0].max(b[0]),
-        a[1].min(b[1]),
-        a[2].max(b[2]),
-        a[3].min(b[3]),
-    ]
+    [a[0].max(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].min(b[3])]
 }

@@ -49,18 +49,8 @@ pub(super) struct SourceMesh {
 #[derive(Clone, Debug)]
 enum Source {
     Mesh(Rc<SourceMesh>),
-    Sphere {
-        radius: f64,
-        z_min: f64,
-        z_max: f64,
-        phi_max: f64,
-    },
-    Disk {
-        height: f64,
-        radius: f64,
-        inner_radius: f64,
-        phi_max: f64,
-    },
+    Sphere { radius: f64, z_min: f64, z_max: f64, phi_max: f64 },
+    Disk { height: f64, radius: f64, inner_radius: f64, phi_max: f64 },
 }
 
 /// A shape with everything that the state gave it.
@@ -84,13 +74,7 @@ pub(super) struct ShapeTotals {
 
 impl Default for ShapeTotals {
     fn default() -> ShapeTotals {
-        ShapeTotals {
-            triangles: 0,
-            bytes: 0,
-            memory: memory::limit(),
-            degenerate: 0,
-            first_degenerate: None,
-        }
+        ShapeTotals { triangles: 0, bytes: 0, memory: memory::limit(), degenerate: 0, first_degenerate: None }
     }
 }
 
@@ -101,18 +85,13 @@ impl ShapeTotals {
         self.triangles = self.triangles.saturating_add(triangles as u64);
         self.bytes = self.bytes.saturating_add(bytes);
         if self.triangles > MAX_TRIANGLES {
-            return Err(Problem::at(
-                span,
-                format!("the scene has more than {MAX_TRIANGLES} triangles"),
-            )
-            .label("too many triangles with this; instances are copies"));
+            return Err(Problem::at(span, format!("the scene has more than {MAX_TRIANGLES} triangles"))
+                .label("too many triangles with this; instances are copies"));
         }
         if self.bytes > self.memory {
             let limit = memory::in_gib(self.memory);
-            return Err(
-                Problem::at(span, format!("the scene's shapes need more than {limit}"))
-                    .label("too much memory with this; instances are copies"),
-            );
+            return Err(Problem::at(span, format!("the scene's shapes need more than {limit}"))
+                .label("too much memory with this; instances are copies"));
         }
         Ok(())
     }
@@ -146,11 +125,7 @@ impl Builder {
         for name in ["alpha", "shadowalpha"] {
             let alpha = self.float_texture(parameters, name)?.unwrap_or(1.0);
             if alpha != 1.0 {
-                return Err(parameters.bad(
-                    name,
-                    &alpha.to_string(),
-                    "expected 1: alpha is not supported",
-                ));
+                return Err(parameters.bad(name, &alpha.to_string(), "expected 1: alpha is not supported"));
             }
         }
         self.check_unused(parameters, &format!("shape \"{}\"", kind.text))?;
@@ -183,21 +158,13 @@ impl Builder {
     }
 
     /// Puts a shape into the scene, perhaps as part of an instance.
-    pub(super) fn emit(
-        &mut self,
-        shape: &PlacedShape,
-        instance: Option<DAffine3>,
-        span: Span,
-    ) -> Result<()> {
+    pub(super) fn emit(&mut self, shape: &PlacedShape, instance: Option<DAffine3>, span: Span) -> Result<()> {
         let transform = match instance {
             Some(world_from_instance) => world_from_instance * shape.transform,
             None => shape.transform,
         };
         if invertible(transform).is_none() {
-            return Err(Problem::at(
-                span,
-                "the transform of a shape cannot be inverted",
-            ));
+            return Err(Problem::at(span, "the transform of a shape cannot be inverted"));
         }
         // pbrt flips the normal by the handedness of the shape's own transform; the instance's is applied to the
         // normal as a vector. For a quadric both are told by the same flag. The winding of a mesh is looked at in
@@ -205,55 +172,27 @@ impl Builder {
         let flip_quadric = shape.reverse_orientation != swaps_handedness(&shape.transform);
         let (geometry, flip_normal) = match &shape.source {
             Source::Mesh(mesh) => {
-                self.totals
-                    .add(mesh.triangles.len(), mesh.positions.len(), span)?;
-                let Some(id) = self.emit_mesh(mesh, &transform, shape.reverse_orientation, span)?
-                else {
+                self.totals.add(mesh.triangles.len(), mesh.positions.len(), span)?;
+                let Some(id) = self.emit_mesh(mesh, &transform, shape.reverse_orientation, span)? else {
                     return Ok(());
                 };
-                (
-                    Geometry::Mesh(id),
-                    shape.reverse_orientation != swaps_handedness(&transform),
-                )
+                (Geometry::Mesh(id), shape.reverse_orientation != swaps_handedness(&transform))
             }
-            Source::Sphere {
-                radius,
-                z_min,
-                z_max,
-                phi_max,
-            } => {
+            Source::Sphere { radius, z_min, z_max, phi_max } => {
                 check_size(&transform, *radius, span)?;
                 self.totals.add(0, 0, span)?;
                 let [radius, z_min, z_max, phi_max] = [*radius, *z_min, *z_max, *phi_max];
                 (
-                    Geometry::Sphere {
-                        world_from_object: transform,
-                        radius,
-                        z_min,
-                        z_max,
-                        phi_max,
-                    },
+                    Geometry::Sphere { world_from_object: transform, radius, z_min, z_max, phi_max },
                     flip_quadric,
                 )
             }
-            Source::Disk {
-                height,
-                radius,
-                inner_radius,
-                phi_max,
-            } => {
+            Source::Disk { height, radius, inner_radius, phi_max } => {
                 check_size(&transform, radius.max(height.abs()), span)?;
                 self.totals.add(0, 0, span)?;
-                let [height, radius, inner_radius, phi_max] =
-                    [*height, *radius, *inner_radius, *phi_max];
+                let [height, radius, inner_radius, phi_max] = [*height, *radius, *inner_radius, *phi_max];
                 (
-                    Geometry::Disk {
-                        world_from_object: transform,
-                        height,
-                        radius,
-                        inner_radius,
-                        phi_max,
-                    },
+                    Geometry::Disk { world_from_object: transform, height, radius, inner_radius, phi_max },
                     flip_quadric,
                 )
             }
@@ -277,12 +216,8 @@ impl Builder {
     ) -> Result<Option<MeshId>> {
         let positions = world_positions(source, transform, span)?;
         let normals = world_normals(source, transform, reverse);
-        let triangles: Vec<[u32; 3]> = source
-            .triangles
-            .iter()
-            .copied()
-            .filter(|triangle| has_area(&positions, triangle))
-            .collect();
+        let triangles: Vec<[u32; 3]> =
+            source.triangles.iter().copied().filter(|triangle| has_area(&positions, triangle)).collect();
         let dropped = source.triangles.len() - triangles.len();
         if dropped > 0 {
             self.totals.degenerate += dropped as u64;
@@ -295,27 +230,18 @@ impl Builder {
         if uvs.iter().flatten().any(|c| !c.is_finite()) {
             return Err(Problem::at(span, "a texture coordinate is too large"));
         }
-        self.scene.meshes.push(Mesh {
-            positions,
-            normals,
-            uvs,
-            triangles,
-        });
+        self.scene.meshes.push(Mesh { positions, normals, uvs, triangles });
         Ok(Some(MeshId(self.scene.meshes.len() as u32 - 1)))
     }
 
     fn ply_mesh(&mut self, parameters: &Parameters, span: Span) -> Result<Source> {
         let Some(name) = parameters.string("filename")? else {
-            return Err(
-                Problem::at(span, "plymesh without a file").label("expected \"string filename\"")
-            );
+            return Err(Problem::at(span, "plymesh without a file").label("expected \"string filename\""));
         };
         let path = self.resolve(name);
         if let Some(parameter) = parameters.find("displacement") {
-            return Err(
-                Problem::at(parameter.span, "\"displacement\" is not supported")
-                    .label("expected a mesh without displacement"),
-            );
+            return Err(Problem::at(parameter.span, "\"displacement\" is not supported")
+                .label("expected a mesh without displacement"));
         }
         parameters.accept(&["edgelength"]);
         self.inputs.push(path.clone());
@@ -333,10 +259,7 @@ impl Builder {
 
     fn bilinear_mesh(&mut self, parameters: &Parameters, span: Span) -> Result<Source> {
         if let Some(parameter) = parameters.find("emissionfilename") {
-            return Err(Problem::at(
-                parameter.span,
-                "\"emissionfilename\" is not supported",
-            ));
+            return Err(Problem::at(parameter.span, "\"emissionfilename\" is not supported"));
         }
         let positions = points(parameters, span)?;
         let patches: Vec<[u32; 4]> = indices(parameters, positions.len(), span)?;
@@ -345,13 +268,9 @@ impl Builder {
             // Order in the file: 00, 10, 01, 11.
             let [a, b, c, d] = patch.map(|index| DVec3::from_array(positions[index as usize]));
             if !is_plane_and_convex([a, b, d, c]) {
-                let place = parameters
-                    .find("indices")
-                    .map_or(Place::Span(span), |p| p.place(4 * i));
-                return Err(
-                    Problem::new(place, format!("patch {i} is not plane and convex"))
-                        .label("expected plane patches: curved bilinear patches are not supported"),
-                );
+                let place = parameters.find("indices").map_or(Place::Span(span), |p| p.place(4 * i));
+                return Err(Problem::new(place, format!("patch {i} is not plane and convex"))
+                    .label("expected plane patches: curved bilinear patches are not supported"));
             }
             let [a, b, c, d] = *patch;
             triangles.extend([[a, b, d], [a, d, c]]);
@@ -365,36 +284,21 @@ impl Builder {
             );
         }
         let uvs = uvs(parameters, positions.len())?;
-        Ok(Source::Mesh(Rc::new(SourceMesh {
-            positions,
-            normals,
-            uvs,
-            triangles,
-        })))
+        Ok(Source::Mesh(Rc::new(SourceMesh { positions, normals, uvs, triangles })))
     }
 
     /// pbrt gives `power` to each patch; here each of the patch's triangles is a light.
     fn refuse_power(&self, span: Span) -> Result<()> {
-        if self
-            .state
-            .area_light
-            .as_ref()
-            .is_none_or(|light| light.emission.power.is_none())
-        {
+        if self.state.area_light.as_ref().is_none_or(|light| light.emission.power.is_none()) {
             return Ok(());
         }
-        Err(Problem::at(
-            span,
-            "an area light with \"power\" on quads is not supported",
-        )
-        .label("each quad would be one light; expected triangles"))
+        Err(Problem::at(span, "an area light with \"power\" on quads is not supported")
+            .label("each quad would be one light; expected triangles"))
     }
 }
 
 fn ply_problem(path: &Path, error: &ply::PlyError, parameters: &Parameters) -> Box<Problem> {
-    let name = parameters
-        .find("filename")
-        .map_or(Place::Nowhere, |p| p.place(0));
+    let name = parameters.find("filename").map_or(Place::Nowhere, |p| p.place(0));
     // `mesh.ply:12` for a line, as in scene files, so that editors find it.
     let place = match error.place.strip_prefix("line ") {
         Some(line) => format!("{}:{line}", path.display()),
@@ -416,27 +320,19 @@ fn sphere(parameters: &Parameters) -> Result<Source> {
             "expected zmin below zmax: nothing is left of the sphere",
         ));
     }
-    Ok(Source::Sphere {
-        radius,
-        z_min,
-        z_max,
-        phi_max: phi_max(parameters)?,
-    })
+    Ok(Source::Sphere { radius, z_min, z_max, phi_max: phi_max(parameters)? })
 }
 
 /// Complains about a quadric whose size in the world is not a number in single precision.
 fn check_size(transform: &DAffine3, extent: f64, span: Span) -> Result<()> {
     let m = transform.matrix3;
     let sizes = [m.x_axis, m.y_axis, m.z_axis].map(|axis| (axis.length() * extent) as f32);
-    let fits =
-        sizes.iter().all(|size| size.is_normal()) && transform.translation.as_vec3().is_finite();
+    let fits = sizes.iter().all(|size| size.is_normal()) && transform.translation.as_vec3().is_finite();
     if fits {
         return Ok(());
     }
-    Err(
-        Problem::at(span, "the shape is too large, too small or too far away")
-            .label("expected coordinates that fit into single precision"),
-    )
+    Err(Problem::at(span, "the shape is too large, too small or too far away")
+        .label("expected coordinates that fit into single precision"))
 }
 
 fn disk(parameters: &Parameters) -> Result<Source> {
@@ -450,12 +346,7 @@ fn disk(parameters: &Parameters) -> Result<Source> {
             "expected less than the radius",
         ));
     }
-    Ok(Source::Disk {
-        height,
-        radius,
-        inner_radius,
-        phi_max: phi_max(parameters)?,
-    })
+    Ok(Source::Disk { height, radius, inner_radius, phi_max: phi_max(parameters)? })
 }
 
 fn phi_max(parameters: &Parameters) -> Result<f64> {
@@ -469,12 +360,7 @@ fn triangle_mesh(parameters: &Parameters, span: Span) -> Result<Source> {
     let uvs = uvs(parameters, positions.len())?;
     // Tangents matter to anisotropic materials and hair, faces to Ptex.
     parameters.accept(&["S", "faceIndices"]);
-    Ok(Source::Mesh(Rc::new(SourceMesh {
-        positions,
-        normals,
-        uvs,
-        triangles,
-    })))
+    Ok(Source::Mesh(Rc::new(SourceMesh { positions, normals, uvs, triangles })))
 }
 
 fn points(parameters: &Parameters, span: Span) -> Result<Vec<[f64; 3]>> {
@@ -489,65 +375,35 @@ fn groups<const N: usize>(numbers: &[f64]) -> Vec<[f64; N]> {
 }
 
 /// Indices in groups of `N`; none are needed for exactly one group of vertices.
-fn indices<const N: usize>(
-    parameters: &Parameters,
-    vertices: usize,
-    span: Span,
-) -> Result<Vec<[u32; N]>> {
+fn indices<const N: usize>(parameters: &Parameters, vertices: usize, span: Span) -> Result<Vec<[u32; N]>> {
     let Some(values) = parameters.integers("indices")? else {
         if vertices == N {
             return Ok(vec![std::array::from_fn(|i| i as u32)]);
         }
-        return Err(Problem::at(
-            span,
-            format!("a mesh of {vertices} vertices without indices"),
-        )
-        .label(format!(
-            "expected \"integer indices\" (or exactly {N} vertices)"
-        )));
+        return Err(Problem::at(span, format!("a mesh of {vertices} vertices without indices"))
+            .label(format!("expected \"integer indices\" (or exactly {N} vertices)")));
     };
-    let place = |i: usize| {
-        parameters
-            .find("indices")
-            .map_or(Place::Nowhere, |p| p.place(i))
-    };
+    let place = |i: usize| parameters.find("indices").map_or(Place::Nowhere, |p| p.place(i));
     if !values.len().is_multiple_of(N) {
         return Err(Problem::new(
             place(values.len() - values.len() % N),
             format!("{} indices", values.len()),
         )
-        .label(format!(
-            "expected a multiple of {N}; the indices from here on are left over"
-        )));
+        .label(format!("expected a multiple of {N}; the indices from here on are left over")));
     }
-    if let Some(i) = values
-        .iter()
-        .position(|&value| usize::try_from(value).map_or(true, |v| v >= vertices))
-    {
-        return Err(
-            Problem::new(place(i), format!("index {} is out of range", values[i])).label(format!(
-                "expected 0 to {}: there are {vertices} vertices",
-                vertices.saturating_sub(1)
-            )),
-        );
+    if let Some(i) = values.iter().position(|&value| usize::try_from(value).map_or(true, |v| v >= vertices)) {
+        return Err(Problem::new(place(i), format!("index {} is out of range", values[i]))
+            .label(format!("expected 0 to {}: there are {vertices} vertices", vertices.saturating_sub(1))));
     }
-    Ok(values
-        .as_chunks::<N>()
-        .0
-        .iter()
-        .map(|group| group.map(|value| value as u32))
-        .collect())
+    Ok(values.as_chunks::<N>().0.iter().map(|group| group.map(|value| value as u32)).collect())
 }
 
 fn one_per_vertex(parameter: &Parameter, count: usize, vertices: usize) -> Result<()> {
     if count == vertices {
         return Ok(());
     }
-    Err(Problem::at(
-        parameter.span,
-        format!("\"{}\" has {count} values", shorten(&parameter.name)),
-    )
-    .label(format!("expected one for each of {vertices} vertices")))
+    Err(Problem::at(parameter.span, format!("\"{}\" has {count} values", shorten(&parameter.name)))
+        .label(format!("expected one for each of {vertices} vertices")))
 }
 
 fn vectors(
@@ -566,11 +422,7 @@ fn vectors(
 
 /// Texture coordinates: `point2 uv`, v3 also `float uv` and `st`.
 fn uvs(parameters: &Parameters, vertices: usize) -> Result<Vec<[f64; 2]>> {
-    let types = [
-        ParameterType::Point2,
-        ParameterType::Float,
-        ParameterType::Vector2,
-    ];
+    let types = [ParameterType::Point2, ParameterType::Float, ParameterType::Vector2];
     for name in ["uv", "st"] {
         let Some(parameter) = parameters.typed(name, &types)? else {
             continue;
@@ -597,24 +449,16 @@ fn is_plane_and_convex(corners: [DVec3; 4]) -> bool {
         return false;
     };
     let plane = (1..4).all(|i| (corners[i] - corners[0]).dot(unit).abs() <= PLANAR * size);
-    let convex =
-        (0..4).all(|i| edge(i).cross(edge((i + 1) % 4)).dot(unit) >= -PLANAR * size * size);
+    let convex = (0..4).all(|i| edge(i).cross(edge((i + 1) % 4)).dot(unit) >= -PLANAR * size * size);
     plane && convex
 }
 
 fn world_positions(source: &SourceMesh, transform: &DAffine3, span: Span) -> Result<Vec<[f32; 3]>> {
     let to_world = |p: &[f64; 3]| transform.transform_point3(DVec3::from_array(*p)).as_vec3();
-    let positions: Vec<[f32; 3]> = source
-        .positions
-        .iter()
-        .map(|p| to_world(p).to_array())
-        .collect();
+    let positions: Vec<[f32; 3]> = source.positions.iter().map(|p| to_world(p).to_array()).collect();
     match positions.iter().flatten().all(|c| c.is_finite()) {
         true => Ok(positions),
-        false => {
-            Err(Problem::at(span, "a vertex is too far away")
-                .label("expected coordinates below 3e38"))
-        }
+        false => Err(Problem::at(span, "a vertex is too far away").label("expected coordinates below 3e38")),
     }
 }
 

@@ -51,41 +51,27 @@ pub(super) struct Textures {
     spectrum: HashMap<String, Texture<Rgb64>>,
 }
 
-fn look_up<T: Copy>(
-    map: &HashMap<String, Texture<T>>,
-    parameter: &Parameter,
-    kind: &str,
-) -> Result<T> {
+fn look_up<T: Copy>(map: &HashMap<String, Texture<T>>, parameter: &Parameter, kind: &str) -> Result<T> {
     parameter.single()?;
     let text = &parameter.strings()[0];
     match map.get(text) {
         Some(Texture::Constant(value)) => Ok(*value),
         Some(Texture::Unsupported { class, span }) => Err(parameter
-            .problem(format!(
-                "textures of class \"{}\" are not supported",
-                shorten(class)
-            ))
+            .problem(format!("textures of class \"{}\" are not supported", shorten(class)))
             .label("expected a constant texture or a value")
             .note(Place::Span(*span), "the texture is defined here")),
         None => {
             let known: Vec<&str> = map.keys().map(String::as_str).collect();
             Err(parameter
                 .problem(format!("unknown {kind} texture \"{}\"", shorten(text)))
-                .label(format!(
-                    "expected one that is defined before{}",
-                    did_you_mean(text, &known)
-                )))
+                .label(format!("expected one that is defined before{}", did_you_mean(text, &known))))
         }
     }
 }
 
 impl Builder {
     /// A number that may be a texture.
-    pub(super) fn float_texture(
-        &self,
-        parameters: &Parameters,
-        name: &'static str,
-    ) -> Result<Option<f64>> {
+    pub(super) fn float_texture(&self, parameters: &Parameters, name: &'static str) -> Result<Option<f64>> {
         let types = [ParameterType::Float, ParameterType::Texture];
         let Some(parameter) = parameters.typed(name, &types)? else {
             return Ok(None);
@@ -144,11 +130,8 @@ impl Builder {
             _ => three(parameter)?,
         };
         match value.iter().position(|&c| c < 0.0) {
-            Some(index) => Err(Problem::new(
-                parameter.place(index),
-                format!("\"{name}\" is negative"),
-            )
-            .label("expected numbers that are not negative")),
+            Some(index) => Err(Problem::new(parameter.place(index), format!("\"{name}\" is negative"))
+                .label("expected numbers that are not negative")),
             None => Ok(Some(value)),
         }
     }
@@ -178,11 +161,7 @@ impl Builder {
             Values::Numbers(numbers) => {
                 let v3 = self.dialect.is_v3();
                 let sampled = Sampled::new(numbers, v3);
-                let bad = |label| {
-                    parameter
-                        .problem("these samples are not a spectrum")
-                        .label(label)
-                };
+                let bad = |label| parameter.problem("these samples are not a spectrum").label(label);
                 sampled.map(SpectrumValue::Sampled).map_err(bad)
             }
             Values::Strings(_) => {
@@ -201,13 +180,11 @@ impl Builder {
         let path = self.resolve(name);
         if !path.is_file() {
             let names = spectra::NAMED.map(|(name, _)| name);
-            return Err(parameter
-                .problem(format!("unknown spectrum \"{}\"", shorten(name)))
-                .label(format!(
-                    "expected a file or one of {}{}",
-                    names.join(", "),
-                    did_you_mean(name, &names)
-                )));
+            return Err(parameter.problem(format!("unknown spectrum \"{}\"", shorten(name))).label(format!(
+                "expected a file or one of {}{}",
+                names.join(", "),
+                did_you_mean(name, &names)
+            )));
         }
         self.inputs.push(path.clone());
         let numbers = read_spectrum_file(&path)
@@ -216,16 +193,11 @@ impl Builder {
             })
             .map_err(|problem| problem.note(parameter.place(0), "the file is named here"))?;
         let v3 = self.dialect.is_v3();
-        Sampled::new(&numbers, v3)
-            .map(SpectrumValue::Sampled)
-            .map_err(|label| {
-                Problem::new(
-                    Place::Other(path.display().to_string()),
-                    "the samples are not a spectrum",
-                )
+        Sampled::new(&numbers, v3).map(SpectrumValue::Sampled).map_err(|label| {
+            Problem::new(Place::Other(path.display().to_string()), "the samples are not a spectrum")
                 .label(label)
                 .note(parameter.place(0), "the file is named here")
-            })
+        })
     }
 
     /// `Texture "name" "float|spectrum" "class" ...`
@@ -245,23 +217,15 @@ impl Builder {
                 false
             }
             _ => {
-                return Err(unknown_kind(
-                    "type of texture",
-                    value_type,
-                    &["float", "spectrum"],
-                ));
+                return Err(unknown_kind("type of texture", value_type, &["float", "spectrum"]));
             }
         };
         if OTHER_CLASSES.contains(&class.text.as_str()) {
             let (text, span) = (class.text, name.span);
             if is_float {
-                self.textures
-                    .float
-                    .insert(name.text, Texture::Unsupported { class: text, span });
+                self.textures.float.insert(name.text, Texture::Unsupported { class: text, span });
             } else {
-                self.textures
-                    .spectrum
-                    .insert(name.text, Texture::Unsupported { class: text, span });
+                self.textures.spectrum.insert(name.text, Texture::Unsupported { class: text, span });
             }
             return Ok(());
         }
@@ -298,9 +262,7 @@ impl Builder {
 
     fn spectrum_class(&mut self, class: &Name, parameters: &Parameters) -> Result<Rgb64> {
         match class.text.as_str() {
-            "constant" => Ok(self
-                .surface_spectrum(parameters, "value")?
-                .unwrap_or([1.0; 3])),
+            "constant" => Ok(self.surface_spectrum(parameters, "value")?.unwrap_or([1.0; 3])),
             "scale" => {
                 let (a, b) = self.scale_names(parameters);
                 let a = self.surface_spectrum(parameters, a)?.unwrap_or([1.0; 3]);
@@ -312,16 +274,10 @@ impl Builder {
                 Ok(std::array::from_fn(|i| a[i] * b[i]))
             }
             "mix" => {
-                let a = self
-                    .surface_spectrum(parameters, "tex1")?
-                    .unwrap_or([0.0; 3]);
-                let b = self
-                    .surface_spectrum(parameters, "tex2")?
-                    .unwrap_or([1.0; 3]);
+                let a = self.surface_spectrum(parameters, "tex1")?.unwrap_or([0.0; 3]);
+                let b = self.surface_spectrum(parameters, "tex2")?.unwrap_or([1.0; 3]);
                 let amount = self.float_texture(parameters, "amount")?.unwrap_or(0.5);
-                Ok(std::array::from_fn(|i| {
-                    (1.0 - amount) * a[i] + amount * b[i]
-                }))
+                Ok(std::array::from_fn(|i| (1.0 - amount) * a[i] + amount * b[i]))
             }
             _ => Err(unknown_class(class)),
         }
@@ -330,11 +286,7 @@ impl Builder {
     /// v4 scales `tex` by `scale`, v3 `tex1` by `tex2`.
     fn scale_names(&self, parameters: &Parameters) -> (&'static str, &'static str) {
         let v3 = parameters.find("tex1").is_some() || parameters.find("tex2").is_some();
-        if v3 {
-            ("tex1", "tex2")
-        } else {
-            ("tex", "scale")
-        }
+        if v3 { ("tex1", "tex2") } else { ("tex", "scale") }
     }
 
     /// Bump and normal maps change the picture; only a height that is constant does nothing.
@@ -345,18 +297,14 @@ impl Builder {
             };
             let constant = self.float_texture(parameters, name);
             if constant.is_err() {
-                return Err(
-                    Problem::at(parameter.span, format!("\"{name}\" is not supported"))
-                        .label("expected a surface without bumps"),
-                );
+                return Err(Problem::at(parameter.span, format!("\"{name}\" is not supported"))
+                    .label("expected a surface without bumps"));
             }
         }
         match parameters.find("normalmap") {
             None => Ok(()),
-            Some(parameter) => Err(
-                Problem::at(parameter.span, "\"normalmap\" is not supported")
-                    .label("expected a surface without a normal map"),
-            ),
+            Some(parameter) => Err(Problem::at(parameter.span, "\"normalmap\" is not supported")
+                .label("expected a surface without a normal map")),
         }
     }
 }
@@ -366,20 +314,14 @@ fn as_texture<T>(value: Result<T>, class: &Name, span: Span) -> Result<Texture<T
     match value {
         Ok(value) => Ok(Texture::Constant(value)),
         Err(problem) if problem.message.ends_with("are not supported") => {
-            Ok(Texture::Unsupported {
-                class: class.text.clone(),
-                span,
-            })
+            Ok(Texture::Unsupported { class: class.text.clone(), span })
         }
         Err(problem) => Err(problem),
     }
 }
 
 fn unknown_class(class: &Name) -> Box<Problem> {
-    let known: Vec<&str> = ["constant", "scale", "mix"]
-        .into_iter()
-        .chain(OTHER_CLASSES)
-        .collect();
+    let known: Vec<&str> = ["constant", "scale", "mix"].into_iter().chain(OTHER_CLASSES).collect();
     unknown_kind("class of texture", class, &known)
 }
 
@@ -410,10 +352,7 @@ fn read_spectrum_file(path: &std::path::Path) -> std::result::Result<Vec<f64>, (
     let mut numbers = Vec::new();
     for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {
         let line = line.split(|&b| b == b'#').next().unwrap_or(&[]);
-        for word in line
-            .split(u8::is_ascii_whitespace)
-            .filter(|word| !word.is_empty())
-        {
+        for word in line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()) {
             match parse_number(word) {
                 Some(number) if number.is_finite() => numbers.push(number),
                 _ => {
@@ -432,9 +371,5 @@ pub(super) fn rgb32(value: Rgb64, parameters: &Parameters, name: &'static str) -
     if rounded.iter().all(|c| c.is_finite()) {
         return Ok(rounded);
     }
-    Err(parameters.bad(
-        name,
-        "too large for single precision",
-        "expected numbers below 3e38",
-    ))
+    Err(parameters.bad(name, "too large for single precision", "expected numbers below 3e38"))
 }
