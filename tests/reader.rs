@@ -307,6 +307,12 @@ fn instances_are_copies_under_both_transforms() {
 }
 
 #[test]
+fn instances_may_stand_before_their_objects() {
+    let scene = world("ObjectInstance \"o\" ObjectBegin \"o\" Shape \"disk\" ObjectEnd");
+    assert_eq!(scene.shapes.len(), 1);
+}
+
+#[test]
 fn lights_inside_objects_are_dropped_with_a_warning() {
     let loaded = read(
         "Film \"rgb\" WorldBegin AreaLightSource \"diffuse\" Shape \"sphere\"\n\
@@ -1038,6 +1044,18 @@ const BROKEN: &[(&str, u32, u32, &str)] = &[
         1,
         28,
         "media are not supported",
+    ),
+    (
+        "Film \"rgb\" WorldBegin Texture \"t\" \"float\" \"constant\" Texture \"t\" \"float\" \"constant\"",
+        1,
+        62,
+        "defined twice",
+    ),
+    (
+        "WorldBegin Material \"conductor\" \"spectrum k\" \"metal-CuZn-k\"",
+        1,
+        46,
+        "not supported",
     ),
     // Lights.
     (

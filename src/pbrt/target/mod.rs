@@ -485,6 +485,7 @@ impl Builder {
             return Err(Problem::new(Place::Nowhere, "the scene has no WorldBegin")
                 .label("expected WorldBegin between the options and the scene"));
         }
+        self.finish_instances()?;
         self.finish_options()?;
         self.finish_filter();
         self.materials.finish(&mut self.scene)?;

@@ -277,6 +277,12 @@ impl Builder {
             "independent",
             "random",
         ];
+        if matches!(
+            name.text.as_str(),
+            "random" | "02sequence" | "lowdiscrepancy" | "maxmindist"
+        ) {
+            self.dialect.saw_v3(name.span)?;
+        }
         let (kind, default) = match name.text.as_str() {
             "independent" | "random" => (SamplerKind::Independent, 4),
             "zsobol" | "sobol" | "paddedsobol" | "halton" | "pmj02bn" | "stratified"

@@ -200,6 +200,11 @@ impl Builder {
     fn spectrum_file(&mut self, parameter: &Parameter, name: &str) -> Result<SpectrumValue> {
         let path = self.resolve(name);
         if !path.is_file() {
+            let known = |prefix: &&str| name.starts_with(*prefix);
+            if spectra::UNSUPPORTED_PREFIXES.iter().any(known) {
+                let text = format!("spectrum \"{}\" is not supported", shorten(name));
+                return Err(parameter.problem(text).label("expected numbers instead"));
+            }
             let names = spectra::NAMED.map(|(name, _)| name);
             return Err(parameter
                 .problem(format!("unknown spectrum \"{}\"", shorten(name)))
@@ -252,6 +257,7 @@ impl Builder {
                 ));
             }
         };
+        self.check_redefinition(&name, is_float)?;
         if OTHER_CLASSES.contains(&class.text.as_str()) {
             let (text, span) = (class.text, name.span);
             if is_float {
@@ -276,6 +282,24 @@ impl Builder {
             self.textures.spectrum.insert(name.text, value);
         }
         self.check_unused(&parameters, &what)
+    }
+
+    /// An error in v4; in v3 the new texture takes the name.
+    fn check_redefinition(&mut self, name: &Name, is_float: bool) -> Result<()> {
+        let known = match is_float {
+            true => self.textures.float.contains_key(&name.text),
+            false => self.textures.spectrum.contains_key(&name.text),
+        };
+        if !known {
+            return Ok(());
+        }
+        let text = format!("texture \"{}\" is defined twice", shorten(&name.text));
+        let problem = Problem::at(name.span, text);
+        if !self.dialect.is_v3() {
+            return Err(problem.label("expected a new name"));
+        }
+        self.warn(problem.label("the last one counts"));
+        Ok(())
     }
 
     fn float_class(&mut self, class: &Name, parameters: &Parameters) -> Result<f64> {
