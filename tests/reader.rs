@@ -473,6 +473,87 @@ fn lights_have_pbrts_units() {
 }
 
 #[test]
+fn dark_lights_are_left_out() {
+    let scene = world(
+        "LightSource \"point\" \"float scale\" 0 AreaLightSource \"diffuse\" \"rgb L\" [ 0 0 0 ] Shape \"sphere\"",
+    );
+    assert!(scene.lights.is_empty() && scene.shapes[0].emission.is_none());
+}
+
+#[test]
+fn spectra_come_from_files_and_names() {
+    let scratch = Scratch::new("spectra");
+    scratch.write(
+        "flat.spd",
+        "# nm value\n400 2.5\n500 2.5 # middle\n700 2.5\n",
+    );
+    let main = |k: &str| {
+        let text = format!(
+            "Film \"rgb\" WorldBegin Material \"conductor\" \"spectrum k\" \"{k}\" Shape \"sphere\""
+        );
+        pbrt::load(&scratch.write("main.pbrt", text))
+    };
+    let loaded = main("flat.spd").unwrap();
+    assert!(matches!(
+        loaded.scene.materials[0],
+        Material::Conductor {
+            k: [2.5, 2.5, 2.5],
+            ..
+        }
+    ));
+    assert_eq!(loaded.inputs.len(), 2);
+    scratch.write("flat.spd", "400 2.5\n500 zwei\n");
+    let error = main("flat.spd").unwrap_err().to_string();
+    assert!(
+        error.contains("flat.spd:2: `zwei` is not a number"),
+        "{error}"
+    );
+    let white = world("LightSource \"infinite\" \"spectrum L\" \"stdillum-D65\" \"float scale\" 3");
+    assert_eq!(white.lights, [Light::Infinite { radiance: [3.0; 3] }]);
+}
+
+#[test]
+fn v3_layers_that_are_switched_off_are_matte() {
+    let material = |text: &str| {
+        scene(&format!(
+            "Film \"image\" WorldBegin {text} Shape \"sphere\""
+        ))
+        .materials[0]
+    };
+    let expected = Material::Diffuse {
+        reflectance: [0.5; 3],
+        sigma: 0.0,
+    };
+    assert_eq!(
+        material("Material \"plastic\" \"rgb Kd\" [ .5 .5 .5 ] \"rgb Ks\" [ 0 0 0 ]"),
+        expected
+    );
+    assert_eq!(
+        material("Material \"uber\" \"rgb Kd\" [ .5 .5 .5 ] \"rgb Ks\" [ 0 0 0 ]"),
+        expected
+    );
+    let error = failure("Film \"image\" WorldBegin Material \"uber\"");
+    assert!(error.message.contains("\"uber\" is not supported"));
+    let bumps =
+        "Texture \"flat\" \"float\" \"constant\" Material \"matte\" \"texture bumpmap\" \"flat\"";
+    assert_eq!(material(bumps), expected);
+}
+
+#[test]
+fn textures_of_constants_are_constants() {
+    let scene = world(
+        "Texture \"a\" \"spectrum\" \"constant\" \"rgb value\" [ .5 .25 1 ]\n\
+         Texture \"b\" \"spectrum\" \"scale\" \"texture tex\" \"a\" \"float scale\" .5\n\
+         Texture \"c\" \"spectrum\" \"mix\" \"texture tex1\" \"a\" \"texture tex2\" \"b\" \"float amount\" .5\n\
+         Material \"diffuse\" \"texture reflectance\" \"c\" Shape \"sphere\"",
+    );
+    let Material::Diffuse { reflectance, .. } = scene.materials[0] else {
+        panic!()
+    };
+    close(reflectance, [0.375, 0.1875, 0.75]);
+}
+
+#[test]
 fn film_exposure_scales_light() {
     let scene = scene(
         "Film \"rgb\" \"float iso\" 200 \"float exposuretime\" 2 WorldBegin\n\

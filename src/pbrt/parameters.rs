@@ -235,14 +235,20 @@ impl Parameters {
         if !asked.contains(&name) {
             asked.push(name);
         }
+        self.given(name)
+    }
+
+    /// As [`Parameters::find`], for a name that should not be proposed: it is there to be refused.
+    pub(crate) fn given(&self, name: &str) -> Option<&Parameter> {
         let own = self.own.iter().rev().find(|p| p.name == name);
-        let found = own.or_else(|| {
+        let default = || {
             self.defaults
                 .iter()
                 .rev()
                 .map(|p| &**p)
                 .find(|p| p.name == name)
-        })?;
+        };
+        let found = own.or_else(default)?;
         found.used.set(true);
         Some(found)
     }

@@ -175,7 +175,8 @@ impl Builder {
     fn emission(&mut self, span: Span) -> Option<Emission> {
         let light = self.state.area_light.clone()?;
         if !self.objects.is_open() {
-            return Some(light.emission);
+            // A lamp without light would be sampled in vain.
+            return Some(light.emission).filter(|emission| emission.radiance != [0.0; 3]);
         }
         self.warn(
             Problem::at(span, "area lights inside objects are not supported")
@@ -314,7 +315,7 @@ impl Builder {
             );
         };
         let path = self.resolve(name);
-        if let Some(parameter) = parameters.find("displacement") {
+        if let Some(parameter) = parameters.given("displacement") {
             return Err(
                 Problem::at(parameter.span, "\"displacement\" is not supported")
                     .label("expected a mesh without displacement"),
@@ -338,7 +339,7 @@ impl Builder {
     }
 
     fn bilinear_mesh(&mut self, parameters: &Parameters, span: Span) -> Result<Source> {
-        if let Some(parameter) = parameters.find("emissionfilename") {
+        if let Some(parameter) = parameters.given("emissionfilename") {
             return Err(Problem::at(
                 parameter.span,
                 "\"emissionfilename\" is not supported",

@@ -364,23 +364,25 @@ impl Builder {
     /// Bump and normal maps change the picture; only a height that is constant does nothing.
     pub(super) fn refuse_bumps(&self, parameters: &Parameters) -> Result<()> {
         for name in ["displacement", "bumpmap"] {
-            let Some(parameter) = parameters.find(name) else {
+            let Some(parameter) = parameters.given(name) else {
                 continue;
             };
-            let constant = self.float_texture(parameters, name);
-            if constant.is_err() {
+            let is_constant = parameter.ty == ParameterType::Texture
+                && look_up(&self.textures.float, parameter, "float").is_ok();
+            if !is_constant {
+                let text = format!("\"{name}\" is not supported");
                 return Err(
-                    Problem::at(parameter.span, format!("\"{name}\" is not supported"))
-                        .label("expected a surface without bumps"),
+                    Problem::at(parameter.span, text).label("expected a surface without bumps")
                 );
             }
         }
-        match parameters.find("normalmap") {
-            None => Ok(()),
-            Some(parameter) => Err(
-                Problem::at(parameter.span, "\"normalmap\" is not supported")
-                    .label("expected a surface without a normal map"),
-            ),
+        match parameters.given("normalmap") {
+            Some(parameter) if parameter.strings() != [""] => Err(Problem::at(
+                parameter.span,
+                "\"normalmap\" is not supported",
+            )
+            .label("expected a surface without a normal map")),
+            _ => Ok(()),
         }
     }
 }
