@@ -282,6 +282,10 @@ fn orientation_follows_pbrt() {
         let sphere = world(&format!("{text}\nShape \"sphere\""));
         assert_eq!(sphere.shapes[0].flip_normal, flip, "{text}");
     }
+    // A mirrored instance of a sphere still faces outwards: pbrt transforms its normal as a vector.
+    let mirrored =
+        world("ObjectBegin \"o\" Shape \"sphere\" ObjectEnd Scale -1 1 1 ObjectInstance \"o\"");
+    assert!(!mirrored.shapes[0].flip_normal);
     let reversed = world(&format!("ReverseOrientation Scale 1 2 1 {TRIANGLE}"));
     assert_eq!(reversed.meshes[0].normals[0], [0.0, 0.0, -1.0]);
     close(
@@ -406,6 +410,8 @@ fn reflectances_and_dispersion_warn() {
     assert!(
         warnings("Material \"dielectric\" \"spectrum eta\" \"glass-BK7\"")[0].contains("1.5168")
     );
+    let twice = "Shape \"sphere\" \"float radius\" 1 \"float radius\" 2";
+    assert!(warnings(twice)[0].contains("given twice"));
     assert!(
         read("Film \"rgb\" WorldBegin").unwrap().warnings[0]
             .message
@@ -890,12 +896,6 @@ const BROKEN: &[(&str, u32, u32, &str)] = &[
         "unknown parameter \"a\"",
     ),
     (
-        "Film \"rgb\" WorldBegin Shape \"sphere\" \"float radius\" 1 \"float radius\" 2",
-        1,
-        38,
-        "given twice",
-    ),
-    (
         "Film \"rgb\" \"integer xresolution\" 1.5",
         1,
         34,
@@ -1139,6 +1139,12 @@ const BROKEN: &[(&str, u32, u32, &str)] = &[
         1,
         46,
         "not supported",
+    ),
+    (
+        "Film \"image\" WorldBegin Shape \"sphere\" \"color Kd\" [ 1 0 0 ]",
+        1,
+        40,
+        "material parameters on a shape",
     ),
     // Lights.
     (

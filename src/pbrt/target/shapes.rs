@@ -156,6 +156,9 @@ impl Builder {
                 ));
             }
         }
+        if self.dialect.is_v3() {
+            refuse_material_overrides(parameters)?;
+        }
         self.check_unused(parameters, &format!("shape \"{}\"", kind.text))?;
         let shape = PlacedShape {
             source,
@@ -395,6 +398,34 @@ impl Builder {
             "an area light with \"power\" on quads is not supported",
         )
         .label("each quad would be one light; expected triangles"))
+    }
+}
+
+/// In v3 a shape's parameters override those of its material: ignoring them would change the picture.
+fn refuse_material_overrides(parameters: &Parameters) -> Result<()> {
+    const NAMES: [&str; 14] = [
+        "Kd",
+        "Ks",
+        "Kr",
+        "Kt",
+        "sigma",
+        "roughness",
+        "uroughness",
+        "vroughness",
+        "eta",
+        "k",
+        "index",
+        "opacity",
+        "bumpmap",
+        "remaproughness",
+    ];
+    match NAMES.iter().find_map(|name| parameters.given(name)) {
+        None => Ok(()),
+        Some(parameter) => Err(Problem::at(
+            parameter.span,
+            "material parameters on a shape are not supported",
+        )
+        .label("expected in the Material")),
     }
 }
 
