@@ -156,7 +156,7 @@ impl Builder {
                 ));
             }
         }
-        if self.dialect.is_v3() {
+        if self.dialect.is_surely_v3() {
             refuse_material_overrides(parameters)?;
         }
         self.check_unused(parameters, &format!("shape \"{}\"", kind.text))?;
