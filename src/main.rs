@@ -1,2 +1,16 @@
 //! The command `wavepath`: a thin shell around the library.
-fn main() {}
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use wavepath::cli::Cli;
+
+fn main() -> ExitCode {
+    match Cli::parse().run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}

@@ -1,2 +1,34 @@
 //! Queues, batch kernels and physics of the wavepath path tracer.
+//!
+//! No files, no scene format, no printing: tables in, numbers out.
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | [`lanes`], [`isa`] | number types of 1 to 16 lanes, and the choice of instruction set at run time |
+//! | [`math`], [`sampler`] | vectors, frames, random numbers |
+//! | [`scene`], [`queue`] | the tables that kernels read, the queues that they read and write |
+//! | [`generate`] | stage: camera rays |
+//! | [`intersect`] | stage: closest hits |
+//! | [`material_sort`] | stage: index lists by material |
+//! | [`mod@shade`] | stage: one kernel a material; light that paths find by themselves |
+//! | [`light_sample`] | stage: rays towards lights |
+//! | [`roulette_compact`] | stage: Russian roulette, compaction |
+//!
+//! A stage's physics is generic over the lane type: the wavefront runs it 8 or 16 paths wide, the megakernel one at a
+//! time, tests in double precision. There is no second copy of a formula.
 #![deny(missing_docs)]
+// Kernels name their columns one by one.
+#![allow(clippy::too_many_arguments)]
+
+pub mod generate;
+pub mod intersect;
+pub mod isa;
+pub mod lanes;
+pub mod light_sample;
+pub mod material_sort;
+pub mod math;
+pub mod queue;
+pub mod roulette_compact;
+pub mod sampler;
+pub mod scene;
+pub mod shade;

@@ -1,0 +1,308 @@
+//! Stage `generate`: camera rays. The camera, the reconstruction filter and the lens, each sampled by importance.
+
+use crate::isa::{Isa, Kernel};
+use crate::lanes::{Mask, Real, Uint};
+use crate::math::{Vec3, uniform_disk};
+use crate::queue::{PIXEL_BITS, PathQueue, SlotTable};
+use crate::sampler::{Sampler, Stream, dimension, stream_seed};
+use crate::shade::Features;
+use core::marker::PhantomData;
+
+/// Side of a block of pixels, the unit of work and of the film.
+pub const BLOCK_SIDE: usize = 16;
+/// Pixels of a whole block.
+pub const BLOCK_PIXELS: usize = BLOCK_SIDE * BLOCK_SIDE;
+
+/// A perspective camera with a thin lens.
+#[derive(Clone, Debug)]
+pub struct Camera {
+    /// World position of the pinhole, the centre of the lens.
+    pub origin: [f32; 3],
+    /// World direction through raster point (0, 0), on the plane at camera z = 1.
+    pub corner: [f32; 3],
+    /// Change of that direction for a pixel to the right.
+    pub right: [f32; 3],
+    /// Change of that direction for a pixel down.
+    pub down: [f32; 3],
+    /// The lens, if it is not a pinhole.
+    pub lens: Option<Lens>,
+    /// The reconstruction filter.
+    pub filter: Filter,
+}
+
+/// A thin lens.
+#[derive(Clone, Copy, Debug)]
+pub struct Lens {
+    /// World vector from the centre of the lens to its rim, along camera x.
+    pub x: [f32; 3],
+    /// The same along camera y.
+    pub y: [f32; 3],
+    /// Distance of the plane in focus along camera z.
+    pub focal_distance: f32,
+}
+
+/// A separable reconstruction filter, sampled by importance: every pixel owns its samples.
+#[derive(Clone, Debug)]
+pub struct Filter {
+    /// Horizontal, vertical.
+    pub axes: [FilterAxis; 2],
+}
+
+/// One axis of a filter: its inverse cumulative distribution, tabulated.
+///
+/// Between the entries the inverse is linear, so the density is constant there. 1024 cells of equal probability leave
+/// nothing to see between that and the filter itself.
+#[derive(Clone, Debug)]
+pub struct FilterAxis {
+    /// Offsets from the pixel's centre at the quantiles k / (len - 1), ascending.
+    pub quantiles: Vec<f32>,
+    /// Distance from the centre beyond which the filter is negative; infinite if it nowhere is.
+    pub negative_beyond: f32,
+}
+
+impl FilterAxis {
+    /// Cells of the table.
+    const CELLS: usize = 1024;
+
+    /// Constant on `[-radius, radius]`.
+    pub fn constant(radius: f64) -> Self {
+        FilterAxis { quantiles: vec![-radius as f32, radius as f32], negative_beyond: f32::INFINITY }
+    }
+
+    /// The symmetric function `f` on `[-radius, radius]`; where it is negative its absolute value is sampled.
+    pub fn tabulate(radius: f64, f: impl Fn(f64) -> f64) -> Self {
+        // Cumulative sums by the midpoint rule on a grid much finer than the cells.
+        const STEPS: usize = 64 * FilterAxis::CELLS;
+        let step = 2.0 * radius / STEPS as f64;
+        let at = |k: usize| -radius + (k as f64 + 0.5) * step;
+        let mut cumulative = Vec::with_capacity(STEPS + 1);
+        cumulative.push(0.0f64);
+        for k in 0..STEPS {
+            cumulative.push(cumulative[k] + f(at(k)).abs());
+        }
+        let total = cumulative[STEPS];
+        let mut k = 0;
+        let quantiles = (0..=Self::CELLS)
+            .map(|cell| {
+                let target = total * cell as f64 / Self::CELLS as f64;
+                while k < STEPS - 1 && cumulative[k + 1] < target {
+                    k += 1;
+                }
+                let width = cumulative[k + 1] - cumulative[k];
+                let within =
+                    if width > 0.0 { ((target - cumulative[k]) / width).clamp(0.0, 1.0) } else { 0.0 };
+                (-radius + (k as f64 + within) * step) as f32
+            })
+            .collect();
+        let negative = (0..STEPS).map(at).filter(|&x| x >= 0.0 && f(x) < 0.0).fold(f64::INFINITY, f64::min);
+        FilterAxis { quantiles, negative_beyond: negative as f32 }
+    }
+
+    /// Offset for a uniform number in [0, 1).
+    #[inline(always)]
+    pub fn sample<F: Real>(&self, u: F) -> F {
+        let cells = (self.quantiles.len() - 1) as f32;
+        let scaled = u * F::splat(cells);
+        let cell = scaled.to_uint();
+        // SAFETY: u < 1 by at least 2^-24, so the cell and the entry behind it exist (1024 * (1 - 2^-24) rounds to
+        // below 1024).
+        let (low, high) = unsafe {
+            (F::gather(&self.quantiles, cell), F::gather(&self.quantiles, cell + F::Uint::splat(1)))
+        };
+        (scaled - F::from_uint(cell)).mul_add(high - low, low)
+    }
+}
+
+impl Filter {
+    /// Are there weights of -1?
+    pub fn has_negative_lobes(&self) -> bool {
+        self.axes.iter().any(|a| a.negative_beyond.is_finite())
+    }
+}
+
+/// A camera ray.
+#[derive(Clone, Copy)]
+pub struct CameraRay<F: Real> {
+    /// Where it starts.
+    pub origin: Vec3<F>,
+    /// Unit direction.
+    pub direction: Vec3<F>,
+    /// 1, or -1 in the negative lobes of the filter.
+    pub weight: F,
+}
+
+/// The camera ray of a sample of pixel (`x`, `y`).
+#[inline(always)]
+pub fn camera_ray<F: Real, S: Sampler>(
+    camera: &Camera,
+    stream: Stream<F::Uint>,
+    x: F::Uint,
+    y: F::Uint,
+) -> CameraRay<F> {
+    let [u, v] = S::two::<F>(stream, F::Uint::splat(dimension::FILTER));
+    let [horizontal, vertical] = &camera.filter.axes;
+    let (dx, dy) = (horizontal.sample(u), vertical.sample(v));
+    let half = F::lit(0.5);
+    let raster_x = F::from_uint(x) + (half + dx);
+    let raster_y = F::from_uint(y) + (half + dy);
+    let through = Vec3::<F>::splat(camera.down)
+        .mul_add(raster_y, Vec3::splat(camera.right).mul_add(raster_x, Vec3::splat(camera.corner)));
+    let mut origin = Vec3::splat(camera.origin);
+    let mut direction = through;
+    if let Some(lens) = &camera.lens {
+        let (lx, ly) = uniform_disk(S::two::<F>(stream, F::Uint::splat(dimension::LENS)));
+        let on_lens = Vec3::<F>::splat(lens.x).scale(lx) + Vec3::splat(lens.y).scale(ly);
+        origin = origin + on_lens;
+        direction = through.scale(F::splat(lens.focal_distance)) - on_lens;
+    }
+    let weight = if camera.filter.has_negative_lobes() {
+        let sign = |offset: F, axis: &FilterAxis| {
+            F::select(offset.abs().gt(F::splat(axis.negative_beyond)), F::lit(-1.0), F::one())
+        };
+        sign(dx, horizontal) * sign(dy, vertical)
+    } else {
+        F::one()
+    };
+    CameraRay { origin, direction: direction.normalize(), weight }
+}
+
+/// A block of pixels, perhaps cut off by the edge of the image.
+#[derive(Clone, Debug)]
+pub struct PixelBlock {
+    /// First pixel of the block in the full image.
+    pub x: u32,
+    /// See `x`.
+    pub y: u32,
+    /// Columns of each pixel in the order of generation.
+    pub columns: Vec<u32>,
+    /// Rows of each pixel in the order of generation.
+    pub rows: Vec<u32>,
+}
+
+impl PixelBlock {
+    /// A block of `width` times `height` pixels, each at most [`BLOCK_SIDE`], in Morton order: neighbours in the
+    /// queue are squares of the image, whose rays stay together.
+    pub fn new(x: u32, y: u32, width: usize, height: usize) -> Self {
+        assert!((1..=BLOCK_SIDE).contains(&width) && (1..=BLOCK_SIDE).contains(&height));
+        let even_bits = |m: usize| (0..4).fold(0, |n, k| n | (m >> (2 * k) & 1) << k);
+        let morton = (0..BLOCK_PIXELS).map(|m| (even_bits(m), even_bits(m >> 1)));
+        let inside: Vec<_> = morton.filter(|&(c, r)| c < width && r < height).collect();
+        PixelBlock {
+            x,
+            y,
+            columns: inside.iter().map(|&(c, _)| c as u32).collect(),
+            rows: inside.iter().map(|&(_, r)| r as u32).collect(),
+        }
+    }
+    /// How many pixels.
+    pub fn pixels(&self) -> usize {
+        self.columns.len()
+    }
+}
+
+/// Which paths to start: sample `first_sample + p / pixels` of pixel `p % pixels` of the block, for `p` from `first`.
+#[derive(Clone, Copy, Debug)]
+pub struct Batch<'a> {
+    /// The pixels.
+    pub block: &'a PixelBlock,
+    /// Width of the full image: pixels are numbered across it.
+    pub image_width: u32,
+    /// Seed of the render.
+    pub seed: u64,
+    /// Replicate.
+    pub replicate: u32,
+    /// Index within the replicate of the first sample.
+    pub first_sample: u32,
+    /// First path.
+    pub first: usize,
+    /// Number of the work unit, kept with each path.
+    pub unit: u32,
+}
+
+/// The kernel: starts one path for each of `free`.
+pub struct Generate<'a, P> {
+    /// Camera.
+    pub camera: &'a Camera,
+    /// Which paths.
+    pub batch: Batch<'a>,
+    /// Slots to use.
+    pub free: &'a [u32],
+    /// Paths are appended.
+    pub paths: &'a mut PathQueue,
+    /// Slots are set up.
+    pub slots: &'a mut SlotTable,
+    /// Features.
+    pub features: PhantomData<P>,
+}
+
+impl<P: Features> Kernel for Generate<'_, P> {
+    type Output = ();
+    #[inline(always)]
+    fn run<I: Isa>(self, _isa: I) {
+        generate::<I::Wide, P>(self.camera, &self.batch, self.free, self.paths, self.slots);
+    }
+}
+
+#[inline(always)]
+fn generate<F: Real, P: Features>(
+    camera: &Camera,
+    batch: &Batch,
+    free: &[u32],
+    paths: &mut PathQueue,
+    slots: &mut SlotTable,
+) {
+    let pixels = batch.block.pixels();
+    let weights = !slots.filter_weight.is_empty();
+    let mut done = 0;
+    while done < free.len() {
+        // A vector stays within one sample of the block.
+        let pixel = (batch.first + done) % pixels;
+        let sample = batch.first_sample + ((batch.first + done) / pixels) as u32;
+        let count = (free.len() - done).min(pixels - pixel).min(F::LANES);
+        let active = F::Mask::first(count);
+        let lanes = |column: &[u32]| {
+            let mut lanes = [column[pixel]; 16];
+            lanes[..count].copy_from_slice(&column[pixel..pixel + count]);
+            F::Uint::load(&lanes, 0)
+        };
+        let x = lanes(&batch.block.columns) + F::Uint::splat(batch.block.x);
+        let y = lanes(&batch.block.rows) + F::Uint::splat(batch.block.y);
+        let number = y * F::Uint::splat(batch.image_width) + x;
+        let stream =
+            Stream { seed: stream_seed(batch.seed, number, batch.replicate), index: F::Uint::splat(sample) };
+        let ray = camera_ray::<F, P::Sampler>(camera, stream, x, y);
+
+        let to = paths.len;
+        ray.origin.x.store(&mut paths.origin_x, to);
+        ray.origin.y.store(&mut paths.origin_y, to);
+        ray.origin.z.store(&mut paths.origin_z, to);
+        ray.direction.x.store(&mut paths.direction_x, to);
+        ray.direction.y.store(&mut paths.direction_y, to);
+        ray.direction.z.store(&mut paths.direction_z, to);
+        F::one().store(&mut paths.throughput_r, to);
+        F::one().store(&mut paths.throughput_g, to);
+        F::one().store(&mut paths.throughput_b, to);
+        F::zero().store(&mut paths.pdf, to);
+        if P::TRANSMISSION {
+            F::one().store(&mut paths.eta_scale, to);
+        }
+        let (seed, weight) = (stream.seed.to_array(), ray.weight.to_array());
+        debug_assert_eq!(active.count(), count);
+        for lane in 0..count {
+            let slot = free[done + lane];
+            paths.slot_depth[to + lane] = slot;
+            let slot = slot as usize;
+            slots.seed[slot] = seed[lane];
+            slots.index[slot] = sample;
+            slots.place[slot] = batch.unit << PIXEL_BITS | (pixel + lane) as u32;
+            slots.radiance_r[slot] = 0.0;
+            slots.radiance_g[slot] = 0.0;
+            slots.radiance_b[slot] = 0.0;
+            if weights {
+                slots.filter_weight[slot] = weight[lane];
+            }
+        }
+        paths.len = to + count;
+        done += count;
+    }
+}

@@ -1,0 +1,123 @@
+//! The tree as obvhs builds it, and obvhs' own traversal of it: the baseline.
+
+use super::{Accelerator, Hit, TraversalStack, bounds, test_round, test_triangle};
+use crate::intersect::triangle::ShearedRay;
+use crate::isa::Isa;
+use crate::scene::{Geometry, MISS};
+use core::time::Duration;
+use glam::{Vec3A, vec3a};
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::ray::{Ray, RayHit};
+
+/// Builds obvhs' binary tree (PLOC, then reinsertion) over all primitives, with at most `leaf` primitives a leaf.
+pub fn build(geometry: &Geometry, leaf: u32) -> Bvh2 {
+    let boxes: Vec<Aabb> = (0..geometry.primitives() as u32)
+        .map(|p| {
+            let (low, high) = bounds(geometry, p);
+            Aabb { min: Vec3A::from(low), max: Vec3A::from(high) }
+        })
+        .collect();
+    let parameters = BvhBuildParams { max_prims_per_leaf: leaf, ..BvhBuildParams::medium_build() };
+    obvhs::bvh2::builder::build_bvh2(&boxes, parameters, &mut Duration::default())
+}
+
+/// obvhs' tree with the primitives in the order of its leaves.
+pub struct NaiveBvh<'a> {
+    tree: Bvh2,
+    geometry: &'a Geometry,
+    /// Corners of the triangles in the order of the leaves; unused places for other primitives.
+    corners: Vec<[[f32; 3]; 3]>,
+}
+
+/// 1 / x for box tests: finite for every x. obvhs' own clamp (8.4e6) makes axis-parallel rays miss thin boxes far
+/// away.
+#[inline(always)]
+pub(super) fn inverse(x: f32) -> f32 {
+    if x.abs() < 1e-30 { 1e30f32.copysign(x) } else { 1.0 / x }
+}
+
+/// A distance a little beyond `t`: boxes entered there may still hold a hit at `t` itself, which wins if its number
+/// is lower.
+#[inline(always)]
+pub(super) fn beyond(t: f32) -> f32 {
+    t * (1.0 + 4.0 * f32::EPSILON)
+}
+
+impl<'a> NaiveBvh<'a> {
+    /// Builds the tree.
+    pub fn new(geometry: &'a Geometry) -> Self {
+        let tree = if geometry.primitives() == 0 { Bvh2::default() } else { build(geometry, 4) };
+        let corners =
+            tree.primitive_indices
+                .iter()
+                .map(|&p| {
+                    if p < geometry.first_sphere() {
+                        geometry.corners(p as usize)
+                    } else {
+                        Default::default()
+                    }
+                })
+                .collect();
+        NaiveBvh { tree, geometry, corners }
+    }
+
+    /// Walks the tree; `done` says after each primitive whether that was enough.
+    #[inline(always)]
+    fn walk(&self, origin: [f32; 3], direction: [f32; 3], t_max: f32, any: bool) -> Hit {
+        let mut hit = Hit::none(t_max);
+        let mut ray = Ray::new(Vec3A::from(origin), Vec3A::from(direction), 0.0, beyond(t_max));
+        let [x, y, z] = direction.map(inverse);
+        ray.inv_direction = vec3a(x, y, z);
+        let sheared = ShearedRay::new(origin, direction);
+        let mut leaf = |node: &obvhs::bvh2::node::Bvh2Node, ray: &mut Ray, _: &mut RayHit| {
+            let first = node.first_index as usize;
+            for place in first..first + node.prim_count as usize {
+                let primitive = self.tree.primitive_indices[place];
+                if primitive < self.geometry.first_sphere() {
+                    test_triangle(&self.corners[place], primitive, &sheared, &mut hit);
+                } else {
+                    test_round(self.geometry, primitive, origin, direction, &mut hit);
+                }
+                if any && hit.primitive != MISS {
+                    return false;
+                }
+            }
+            ray.tmax = beyond(hit.t);
+            true
+        };
+        obvhs::fast_stack!(u32, (96, 192), self.tree.max_depth, stack, {
+            self.tree.ray_traverse_dynamic(&mut stack, ray, &mut RayHit::none(), &mut leaf)
+        });
+        hit
+    }
+}
+
+impl Accelerator for NaiveBvh<'_> {
+    const NAME: &'static str = "obvhs BVH2";
+
+    #[inline(always)]
+    fn closest<I: Isa>(&self, _: I, origin: [f32; 3], direction: [f32; 3], _: &mut TraversalStack) -> Hit {
+        self.walk(origin, direction, f32::INFINITY, false)
+    }
+    #[inline(always)]
+    fn occluded<I: Isa>(
+        &self,
+        _: I,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        distance: f32,
+        _: &mut TraversalStack,
+    ) -> bool {
+        self.walk(origin, direction, distance, true).primitive != MISS
+    }
+    fn stack(&self) -> TraversalStack {
+        TraversalStack::default()
+    }
+    fn bytes(&self) -> usize {
+        size_of_val(&self.tree.nodes[..])
+            + size_of_val(&self.tree.primitive_indices[..])
+            + size_of_val(&self.corners[..])
+    }
+}

@@ -1,0 +1,422 @@
+//! An 8-wide tree, collapsed from obvhs' binary one, with triangles gathered four to a block.
+
+use super::bvh2::{self, beyond, inverse};
+use super::triangle::{self, ShearedRay};
+use super::{Accelerator, Hit, TraversalStack, test_round};
+use crate::isa::Isa;
+use crate::lanes::{Mask, Real};
+use crate::scene::{Geometry, MISS};
+use obvhs::bvh2::Bvh2;
+
+/// Children of a node.
+const WIDTH: usize = 8;
+/// Triangles of a block.
+const BLOCK: usize = 4;
+/// Most triangles of a leaf.
+const MAX_LEAF: u32 = 8;
+
+/// A child that is not there.
+const EMPTY: Child = Child(u32::MAX);
+
+/// A node's child: an inner node (its number), or a leaf: the top bit is set, then one bit says triangles (0) or
+/// others (1), three bits hold the number of blocks or primitives less one, the rest the number of the first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Child(u32);
+
+impl Child {
+    const LEAF: u32 = 1 << 31;
+    const ROUND: u32 = 1 << 30;
+    const COUNT_SHIFT: u32 = 27;
+    const FIRST: u32 = (1 << Self::COUNT_SHIFT) - 1;
+
+    fn leaf(round: bool, first: usize, count: usize) -> Self {
+        assert!(first as u32 <= Self::FIRST && (1..=8).contains(&count));
+        let kind = if round { Self::ROUND } else { 0 };
+        Child(Self::LEAF | kind | (count as u32 - 1) << Self::COUNT_SHIFT | first as u32)
+    }
+    #[inline(always)]
+    fn range(self) -> core::ops::Range<usize> {
+        let first = (self.0 & Self::FIRST) as usize;
+        first..first + 1 + (self.0 >> Self::COUNT_SHIFT & 7) as usize
+    }
+}
+
+/// Eight boxes: `bounds[2 * axis]` holds the lower, `bounds[2 * axis + 1]` the upper sides.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+struct Node {
+    bounds: [[f32; WIDTH]; 6],
+    child: [u32; WIDTH],
+}
+
+/// Four triangles; the last is repeated where there are fewer.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+struct Block {
+    /// Corner, axis, triangle.
+    corners: [[[f32; BLOCK]; 3]; 3],
+    primitive: [u32; BLOCK],
+}
+
+/// The tree.
+pub struct Bvh8<'a> {
+    geometry: &'a Geometry,
+    nodes: Vec<Node>,
+    blocks: Vec<Block>,
+    /// Spheres and quadrics in the order of the leaves.
+    round: Vec<u32>,
+    /// Stack entries that a traversal can need.
+    stack: usize,
+}
+
+/// What the collapse knows about a node of the binary tree.
+#[derive(Clone, Copy, Default)]
+struct Summary {
+    triangles: u32,
+    round: u32,
+    cost: f32,
+    leaf: bool,
+}
+
+struct Collapse<'t, 'a> {
+    tree: &'t Bvh2,
+    summaries: Vec<Summary>,
+    out: Bvh8<'a>,
+}
+
+impl<'a> Bvh8<'a> {
+    /// Builds the tree.
+    pub fn new(geometry: &'a Geometry) -> Self {
+        let out = Bvh8 { geometry, nodes: Vec::new(), blocks: Vec::new(), round: Vec::new(), stack: 1 };
+        if geometry.primitives() == 0 {
+            return out;
+        }
+        let tree = bvh2::build(geometry, 1);
+        let mut collapse =
+            Collapse { summaries: vec![Summary::default(); tree.nodes.len()], tree: &tree, out };
+        collapse.summarise();
+        collapse.nodes();
+        collapse.out
+    }
+}
+
+impl Collapse<'_, '_> {
+    fn is_round(&self, node: usize) -> bool {
+        let n = &self.tree.nodes[node];
+        self.tree.primitive_indices[n.first_index as usize] >= self.out.geometry.first_sphere()
+    }
+
+    /// Bottom-up surface-area cost of every subtree, as a leaf or not. Without recursion: trees of equal boxes can be
+    /// as deep as they have primitives.
+    fn summarise(&mut self) {
+        let mut order = vec![0usize];
+        let mut at = 0;
+        while at < order.len() {
+            let node = &self.tree.nodes[order[at]];
+            if !node.is_leaf() {
+                order.extend([node.first_index as usize, node.first_index as usize + 1]);
+            }
+            at += 1;
+        }
+        for &n in order.iter().rev() {
+            let node = &self.tree.nodes[n];
+            let area = node.aabb().half_area();
+            self.summaries[n] = if node.is_leaf() {
+                let round = self.is_round(n);
+                let count = node.prim_count;
+                Summary {
+                    triangles: if round { 0 } else { count },
+                    round: if round { count } else { 0 },
+                    cost: area,
+                    leaf: true,
+                }
+            } else {
+                let left = self.summaries[node.first_index as usize];
+                let right = self.summaries[node.first_index as usize + 1];
+                let triangles = left.triangles + right.triangles;
+                let round = left.round + right.round;
+                let pure = triangles == 0 || round == 0;
+                let blocks = triangles.div_ceil(BLOCK as u32) + round;
+                let as_leaf = area * blocks as f32;
+                // Half the cost of a block test: a node of eight shares its test among the children of three levels.
+                let as_node = area * 0.5 + left.cost + right.cost;
+                let leaf = pure
+                    && triangles <= MAX_LEAF
+                    && round <= 4
+                    && left.leaf
+                    && right.leaf
+                    && (as_leaf <= as_node || (round == 0 && triangles <= BLOCK as u32));
+                Summary { triangles, round, cost: if leaf { as_leaf } else { as_node }, leaf }
+            };
+        }
+    }
+
+    /// Primitives under a node that became a leaf.
+    fn primitives(&self, node: usize) -> Vec<u32> {
+        let mut out = Vec::new();
+        let mut stack = vec![node];
+        while let Some(n) = stack.pop() {
+            let node = &self.tree.nodes[n];
+            let first = node.first_index as usize;
+            if node.is_leaf() {
+                out.extend(&self.tree.primitive_indices[first..first + node.prim_count as usize]);
+            } else {
+                stack.extend([first, first + 1]);
+            }
+        }
+        out.sort_unstable();
+        out.dedup();
+        out
+    }
+
+    fn leaf(&mut self, node: usize) -> Child {
+        let primitives = self.primitives(node);
+        if self.summaries[node].round > 0 {
+            let first = self.out.round.len();
+            self.out.round.extend(&primitives);
+            return Child::leaf(true, first, primitives.len());
+        }
+        let first = self.out.blocks.len();
+        for four in primitives.chunks(BLOCK) {
+            let mut block = Block { corners: [[[0.0; BLOCK]; 3]; 3], primitive: [0; BLOCK] };
+            for lane in 0..BLOCK {
+                let p = four[lane.min(four.len() - 1)];
+                let corners = self.out.geometry.corners(p as usize);
+                for (k, corner) in corners.iter().enumerate() {
+                    for (axis, &x) in corner.iter().enumerate() {
+                        block.corners[k][axis][lane] = x;
+                    }
+                }
+                block.primitive[lane] = p;
+            }
+            self.out.blocks.push(block);
+        }
+        Child::leaf(false, first, self.out.blocks.len() - first)
+    }
+
+    /// Children of a wide node: the binary node's, with the largest inner one opened until there are eight.
+    fn children(&self, node: usize) -> Vec<usize> {
+        let mut children = vec![node];
+        while children.len() < WIDTH {
+            let area = |&n: &usize| self.tree.nodes[n].aabb().half_area();
+            let inner = children.iter().copied().enumerate().filter(|(_, n)| !self.summaries[*n].leaf);
+            let Some((place, open)) = inner.max_by(|a, b| area(&a.1).total_cmp(&area(&b.1))) else { break };
+            let first = self.tree.nodes[open].first_index as usize;
+            children[place] = first;
+            children.push(first + 1);
+        }
+        children
+    }
+
+    fn nodes(&mut self) {
+        // Depth first, so that a subtree is contiguous; the place to fill in is kept with each entry, and the number
+        // of stack entries that a traversal holds when it gets there.
+        let mut pending = vec![(0usize, None::<(usize, usize)>, 0usize)];
+        let mut root_is_leaf = self.summaries[0].leaf;
+        while let Some((binary, parent, held)) = pending.pop() {
+            let id = self.out.nodes.len();
+            if let Some((node, lane)) = parent {
+                self.out.nodes[node].child[lane] = id as u32;
+            }
+            let mut node = Node { bounds: [[f32::NAN; WIDTH]; 6], child: [EMPTY.0; WIDTH] };
+            let children = if root_is_leaf { vec![binary] } else { self.children(binary) };
+            root_is_leaf = false;
+            self.out.stack = self.out.stack.max(held + children.len() + 1);
+            let mut inner = Vec::new();
+            for (lane, &child) in children.iter().enumerate() {
+                let bounds = *self.tree.nodes[child].aabb();
+                for axis in 0..3 {
+                    node.bounds[2 * axis][lane] = bounds.min[axis];
+                    node.bounds[2 * axis + 1][lane] = bounds.max[axis];
+                }
+                if self.summaries[child].leaf {
+                    node.child[lane] = self.leaf(child).0;
+                } else {
+                    inner.push((child, Some((id, lane)), held + children.len()));
+                }
+            }
+            self.out.nodes.push(node);
+            pending.extend(inner.into_iter().rev());
+        }
+    }
+}
+
+impl Bvh8<'_> {
+    /// Walks the tree. `ANY`: stops at the first hit.
+    #[inline(always)]
+    fn walk<I: Isa, const ANY: bool>(
+        &self,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        t_max: f32,
+        stack: &mut TraversalStack,
+    ) -> Hit {
+        let mut hit = Hit::none(t_max);
+        if self.nodes.is_empty() {
+            return hit;
+        }
+        let sheared = ShearedRay::new(origin, direction);
+        let inverse = direction.map(inverse);
+        let o: [I::Eight; 3] = origin.map(I::Eight::splat);
+        let inv: [I::Eight; 3] = inverse.map(I::Eight::splat);
+        // Which of the two sides of an axis the ray meets first.
+        let near = [0, 1, 2].map(|axis| 2 * axis + (inverse[axis] < 0.0) as usize);
+        assert!(stack.entries.len() >= self.stack);
+        let stack = stack.entries.as_mut_ptr();
+        let mut held = 0usize;
+        let mut current = 0u32;
+        let mut limit = I::Eight::splat(beyond(t_max));
+        loop {
+            if current & Child::LEAF == 0 {
+                // SAFETY: inner children are numbers of nodes.
+                let node = unsafe { self.nodes.get_unchecked(current as usize) };
+                // (side - origin) * inverse, not a fused side * inverse - origin * inverse: that cancels for rays
+                // almost parallel to an axis. NaN sides of absent children fail the comparison.
+                let enter = |axis: usize| (I::Eight::load(&node.bounds[near[axis]], 0) - o[axis]) * inv[axis];
+                let leave =
+                    |axis: usize| (I::Eight::load(&node.bounds[near[axis] ^ 1], 0) - o[axis]) * inv[axis];
+                let t_enter = enter(0).max(enter(1)).max(enter(2)).max(I::Eight::zero());
+                // Rounding of the far sides must not lose boxes (Ize 2013).
+                let t_leave =
+                    leave(0).min(leave(1)).min(leave(2)) * I::Eight::lit(1.0 + 4.0 * f32::EPSILON as f64);
+                let mut lanes = t_enter.le(t_leave.min(limit)).bits();
+                if lanes != 0 {
+                    let mut at = [0.0f32; WIDTH];
+                    t_enter.store(&mut at, 0);
+                    // SAFETY: `self.stack` entries hold all that any way down leaves behind, and `stack` has them;
+                    // lanes are below WIDTH.
+                    unsafe {
+                        let base = held;
+                        let mut pop = || {
+                            let lane = lanes.trailing_zeros() as usize;
+                            lanes &= lanes - 1;
+                            ((*node.child.get_unchecked(lane), *at.get_unchecked(lane)), lanes)
+                        };
+                        let (first, rest) = pop();
+                        if rest == 0 {
+                            current = first.0;
+                            continue;
+                        }
+                        let (second, mut rest) = pop();
+                        if rest == 0 {
+                            let (nearer, farther) =
+                                if first.1 <= second.1 { (first, second) } else { (second, first) };
+                            stack.add(held).write(farther);
+                            held += 1;
+                            current = nearer.0;
+                            continue;
+                        }
+                        // Farthest first, by insertion.
+                        let (a, b) = if first.1 >= second.1 { (first, second) } else { (second, first) };
+                        stack.add(held).write(a);
+                        stack.add(held + 1).write(b);
+                        held += 2;
+                        while rest != 0 {
+                            let (entry, left) = pop();
+                            rest = left;
+                            let mut place = held;
+                            while place > base && (*stack.add(place - 1)).1 < entry.1 {
+                                stack.add(place).write(*stack.add(place - 1));
+                                place -= 1;
+                            }
+                            stack.add(place).write(entry);
+                            held += 1;
+                        }
+                        held -= 1;
+                        current = (*stack.add(held)).0;
+                    }
+                    continue;
+                }
+            } else {
+                self.leaf::<I, ANY>(Child(current), &sheared, origin, direction, &mut hit);
+                if ANY && hit.primitive != MISS {
+                    return hit;
+                }
+                limit = I::Eight::splat(beyond(hit.t));
+            }
+            // The next node that is not behind the hit.
+            loop {
+                if held == 0 {
+                    return hit;
+                }
+                held -= 1;
+                // SAFETY: entries below `held` were written.
+                let (node, t) = unsafe { *stack.add(held) };
+                if t <= beyond(hit.t) {
+                    current = node;
+                    break;
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn leaf<I: Isa, const ANY: bool>(
+        &self,
+        leaf: Child,
+        sheared: &ShearedRay,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        hit: &mut Hit,
+    ) {
+        if leaf.0 & Child::ROUND != 0 {
+            for place in leaf.range() {
+                test_round(self.geometry, self.round[place], origin, direction, hit);
+            }
+            return;
+        }
+        for place in leaf.range() {
+            // SAFETY: leaves hold numbers of blocks.
+            let block = unsafe { self.blocks.get_unchecked(place) };
+            let corners = [0, 1, 2].map(|k| [0, 1, 2].map(|axis| I::Four::load(&block.corners[k][axis], 0)));
+            let found = triangle::intersect::<I::Four>(sheared, &corners, I::Four::splat(hit.t));
+            let mut lanes = found.hit.bits();
+            if lanes == 0 {
+                continue;
+            }
+            let (t, u, v) = (found.t.to_array(), found.u.to_array(), found.v.to_array());
+            while lanes != 0 {
+                let lane = lanes.trailing_zeros() as usize & (BLOCK - 1);
+                lanes &= lanes - 1;
+                if hit.yields_to(t[lane], block.primitive[lane]) {
+                    *hit = Hit { t: t[lane], primitive: block.primitive[lane], u: u[lane], v: v[lane] };
+                }
+            }
+            if ANY {
+                return;
+            }
+        }
+    }
+}
+
+impl Accelerator for Bvh8<'_> {
+    const NAME: &'static str = "BVH8";
+
+    #[inline(always)]
+    fn closest<I: Isa>(
+        &self,
+        _: I,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        stack: &mut TraversalStack,
+    ) -> Hit {
+        self.walk::<I, false>(origin, direction, f32::INFINITY, stack)
+    }
+    #[inline(always)]
+    fn occluded<I: Isa>(
+        &self,
+        _: I,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        distance: f32,
+        stack: &mut TraversalStack,
+    ) -> bool {
+        self.walk::<I, true>(origin, direction, distance, stack).primitive != MISS
+    }
+    fn stack(&self) -> TraversalStack {
+        TraversalStack { entries: vec![(0, 0.0); self.stack] }
+    }
+    fn bytes(&self) -> usize {
+        size_of_val(&self.nodes[..]) + size_of_val(&self.blocks[..]) + size_of_val(&self.round[..])
+    }
+}

@@ -1,0 +1,184 @@
+//! Stage `intersect`: the closest hit of every path. And what all ray queries share: the test of one primitive, the
+//! rule for ties, the trees.
+//!
+//! Two trees over the same primitives, both from obvhs' builder: [`bvh2::NaiveBvh`] is walked by obvhs itself, one
+//! ray at a time, and is what a good engineer writes first; [`bvh8::Bvh8`] is 8 wide and walked here.
+//!
+//! Of several primitives at the same distance the one with the lowest number is hit, in every tree: coincident faces
+//! are common in real scenes, and engines must agree on them.
+
+pub mod bvh2;
+pub mod bvh8;
+pub mod quadric;
+pub mod sphere;
+pub mod triangle;
+
+use crate::isa::{Isa, Kernel};
+use crate::queue::{HitQueue, PathQueue};
+use crate::scene::{Geometry, MISS};
+use triangle::ShearedRay;
+
+/// The closest hit of a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance; infinite for none.
+    pub t: f32,
+    /// Primitive, or [`MISS`].
+    pub primitive: u32,
+    /// Barycentric weight of the second corner of a triangle.
+    pub u: f32,
+    /// Barycentric weight of the third corner.
+    pub v: f32,
+}
+
+impl Hit {
+    /// None within `t_max`.
+    #[inline(always)]
+    pub fn none(t_max: f32) -> Self {
+        Hit { t: t_max, primitive: MISS, u: 0.0, v: 0.0 }
+    }
+    /// Is `primitive` at distance `t` to be preferred? Nearer, or as near and with a lower number.
+    #[inline(always)]
+    pub fn yields_to(&self, t: f32, primitive: u32) -> bool {
+        t < self.t || t == self.t && primitive < self.primitive
+    }
+}
+
+/// Room for a traversal, one a worker.
+#[derive(Clone, Debug, Default)]
+pub struct TraversalStack {
+    /// Nodes to visit, and the distance at which the ray enters them.
+    pub entries: Vec<(u32, f32)>,
+}
+
+/// What rays are traced through.
+pub trait Accelerator: Sync {
+    /// Name for reports.
+    const NAME: &'static str;
+    /// The closest hit of a ray with a unit direction.
+    fn closest<I: Isa>(
+        &self,
+        isa: I,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        stack: &mut TraversalStack,
+    ) -> Hit;
+    /// Is anything hit at a distance in (0, `distance`]?
+    fn occluded<I: Isa>(
+        &self,
+        isa: I,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        distance: f32,
+        stack: &mut TraversalStack,
+    ) -> bool;
+    /// Room that a traversal needs.
+    fn stack(&self) -> TraversalStack;
+    /// Bytes on the heap.
+    fn bytes(&self) -> usize;
+}
+
+/// Tests one triangle and keeps the better hit.
+#[inline(always)]
+pub fn test_triangle(corners: &[[f32; 3]; 3], primitive: u32, ray: &ShearedRay, hit: &mut Hit) {
+    let h = triangle::intersect::<f32>(ray, corners, hit.t);
+    if h.hit && hit.yields_to(h.t, primitive) {
+        *hit = Hit { t: h.t, primitive, u: h.u, v: h.v };
+    }
+}
+
+/// Tests one sphere or quadric and keeps the better hit.
+#[inline(always)]
+pub fn test_round(geometry: &Geometry, primitive: u32, origin: [f32; 3], direction: [f32; 3], hit: &mut Hit) {
+    let t = if primitive < geometry.first_quadric() {
+        let [x, y, z, r] = geometry.spheres[(primitive - geometry.first_sphere()) as usize];
+        let (t, meets) = sphere::intersect::<f32>(origin, direction, [x, y, z], r, hit.t);
+        if !meets {
+            return;
+        }
+        t
+    } else {
+        let quadric = &geometry.quadrics[(primitive - geometry.first_quadric()) as usize];
+        match quadric.intersect(origin, direction, hit.t) {
+            Some(t) => t,
+            None => return,
+        }
+    };
+    if hit.yields_to(t, primitive) {
+        *hit = Hit { t, primitive, u: 0.0, v: 0.0 };
+    }
+}
+
+/// The bounds of a primitive: lowest corner, highest corner.
+///
+/// Padded by two units in the last place of their largest coordinate: what the tests of the primitives' own hits are
+/// accurate to. Without it a ray along an edge shared by two boxes could slip between them.
+pub fn bounds(geometry: &Geometry, primitive: u32) -> ([f32; 3], [f32; 3]) {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    let mut add = |p: [f32; 3]| {
+        for k in 0..3 {
+            low[k] = low[k].min(p[k]);
+            high[k] = high[k].max(p[k]);
+        }
+    };
+    if primitive < geometry.first_sphere() {
+        geometry.corners(primitive as usize).into_iter().for_each(add);
+    } else if primitive < geometry.first_quadric() {
+        let [x, y, z, r] = geometry.spheres[(primitive - geometry.first_sphere()) as usize];
+        let r = r.abs();
+        add([x - r, y - r, z - r]);
+        add([x + r, y + r, z + r]);
+    } else {
+        let quadric = &geometry.quadrics[(primitive - geometry.first_quadric()) as usize];
+        let (a, b) = quadric.object_bounds();
+        let m = quadric.object_from_world;
+        let object_from_world = glam::DAffine3::from_cols_array_2d(&core::array::from_fn(|c| {
+            core::array::from_fn(|r| m[r][c] as f64)
+        }));
+        let world_from_object = object_from_world.inverse();
+        for corner in 0..8 {
+            let pick = |k: usize| if corner >> k & 1 == 0 { a[k] } else { b[k] } as f64;
+            let p = world_from_object.transform_point3(glam::DVec3::new(pick(0), pick(1), pick(2)));
+            add([p.x as f32, p.y as f32, p.z as f32]);
+        }
+    }
+    for k in 0..3 {
+        let pad = 2.0 * f32::EPSILON * low[k].abs().max(high[k].abs());
+        low[k] -= pad;
+        high[k] += pad;
+    }
+    (low, high)
+}
+
+/// The kernel: closest hits of all paths of a queue.
+pub struct Intersect<'a, A> {
+    /// What rays are traced through.
+    pub accelerator: &'a A,
+    /// The rays.
+    pub paths: &'a PathQueue,
+    /// Receives the hits.
+    pub hits: &'a mut HitQueue,
+    /// Scratch of the traversal.
+    pub stack: &'a mut TraversalStack,
+}
+
+impl<A: Accelerator> Kernel for Intersect<'_, A> {
+    type Output = ();
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) {
+        let (rays, hits) = (self.paths, self.hits);
+        let barycentric = !hits.u.is_empty();
+        for i in 0..rays.len {
+            let origin = [rays.origin_x[i], rays.origin_y[i], rays.origin_z[i]];
+            let direction = [rays.direction_x[i], rays.direction_y[i], rays.direction_z[i]];
+            let hit = self.accelerator.closest(isa, origin, direction, self.stack);
+            hits.t[i] = hit.t;
+            hits.primitive[i] = hit.primitive;
+            if barycentric {
+                hits.u[i] = hit.u;
+                hits.v[i] = hit.v;
+            }
+        }
+        hits.len = rays.len;
+    }
+}

@@ -1,0 +1,178 @@
+//! Instruction sets, chosen at run time: a plain `cargo build --release` is fast on every machine.
+//!
+//! A kernel is a struct of its arguments that implements [`Kernel`]; [`Isa::run`] enters a function compiled for the
+//! instruction set and instantiates the kernel there with the set's lane types. Everything below that call is
+//! `#[inline(always)]`, so all of it is compiled with the features (measured: as fast as `target-cpu=native`).
+
+use crate::lanes::{FusedF32, Portable, Real};
+
+/// Work that can be instantiated for any instruction set.
+pub trait Kernel {
+    /// What it returns.
+    type Output;
+    /// Does the work. Implementations are `#[inline(always)]`.
+    fn run<I: Isa>(self, isa: I) -> Self::Output;
+}
+
+/// An instruction set: its lane types and the way into functions compiled for it.
+///
+/// A value of such a type is the proof that the machine has the set: only [`Level::run`] makes one, after asking the
+/// CPU.
+pub trait Isa: Copy + Send + Sync + 'static {
+    /// Widest lanes: the batch kernels.
+    type Wide: Real;
+    /// Exactly 8 lanes: one ray against 8 boxes.
+    type Eight: Real;
+    /// Exactly 4 lanes: one ray against 4 triangles.
+    type Four: Real;
+    /// One lane, with fused multiply-add exactly if [`Isa::Wide`] has it, so that engines agree to the bit.
+    type One: Real<Mask = bool, Uint = core::num::Wrapping<u32>>;
+    /// Name for reports.
+    const NAME: &'static str;
+    /// Runs a kernel compiled for this set.
+    fn run<K: Kernel>(self, kernel: K) -> K::Output;
+}
+
+/// The instruction sets there are, from the plainest to the widest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Level {
+    /// What every machine of the architecture has (SSE2, NEON).
+    Baseline,
+    /// AVX2 and FMA.
+    Avx2,
+    /// AVX-512 F, DQ, VL, BW, CD.
+    Avx512,
+}
+
+impl Level {
+    /// The widest set of this machine.
+    pub fn detect() -> Level {
+        #[cfg(target_arch = "x86_64")]
+        {
+            let avx2 = std::is_x86_feature_detected!("avx2")
+                && std::is_x86_feature_detected!("fma")
+                && std::is_x86_feature_detected!("bmi1")
+                && std::is_x86_feature_detected!("bmi2")
+                && std::is_x86_feature_detected!("lzcnt")
+                && std::is_x86_feature_detected!("popcnt");
+            let avx512 = avx2
+                && std::is_x86_feature_detected!("avx512f")
+                && std::is_x86_feature_detected!("avx512dq")
+                && std::is_x86_feature_detected!("avx512vl")
+                && std::is_x86_feature_detected!("avx512bw")
+                && std::is_x86_feature_detected!("avx512cd");
+            if avx512 {
+                return Level::Avx512;
+            }
+            if avx2 {
+                return Level::Avx2;
+            }
+        }
+        Level::Baseline
+    }
+
+    /// All sets that this machine has.
+    pub fn available() -> impl Iterator<Item = Level> {
+        [Level::Baseline, Level::Avx2, Level::Avx512].into_iter().filter(|l| *l <= Level::detect())
+    }
+
+    /// Name for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Level::Baseline => Baseline::NAME,
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => Avx2::NAME,
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => Avx512::NAME,
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => Baseline::NAME,
+        }
+    }
+
+    /// Runs a kernel on this set.
+    ///
+    /// # Panics
+    /// If the machine does not have it.
+    #[inline]
+    pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        assert!(self <= Level::detect(), "this machine has no {}", self.name());
+        match self {
+            Level::Baseline => Baseline.run(kernel),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => Avx2(()).run(kernel),
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => Avx512(()).run(kernel),
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => unreachable!("not detected here"),
+        }
+    }
+}
+
+/// What every machine of the architecture has.
+#[derive(Clone, Copy, Debug)]
+pub struct Baseline;
+
+impl Isa for Baseline {
+    type Wide = Portable<8>;
+    type Eight = Portable<8>;
+    type Four = Portable<4>;
+    type One = f32;
+    const NAME: &'static str = "baseline";
+    #[inline(always)]
+    fn run<K: Kernel>(self, kernel: K) -> K::Output {
+        kernel.run(self)
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+pub use x86::{Avx2, Avx512};
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{FusedF32, Isa, Kernel};
+    use crate::lanes::{F32x4, F32x8, F32x16};
+
+    /// AVX2 and FMA.
+    #[derive(Clone, Copy, Debug)]
+    pub struct Avx2(pub(super) ());
+
+    impl Isa for Avx2 {
+        type Wide = F32x8;
+        type Eight = F32x8;
+        type Four = F32x4;
+        type One = FusedF32;
+        const NAME: &'static str = "avx2";
+        #[inline(always)]
+        fn run<K: Kernel>(self, kernel: K) -> K::Output {
+            #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+            fn compiled<K: Kernel>(isa: Avx2, kernel: K) -> K::Output {
+                kernel.run(isa)
+            }
+            // SAFETY: `self` exists only where the machine has the features.
+            unsafe { compiled(self, kernel) }
+        }
+    }
+
+    /// AVX-512 F, DQ, VL, BW, CD.
+    #[derive(Clone, Copy, Debug)]
+    pub struct Avx512(pub(super) ());
+
+    impl Isa for Avx512 {
+        type Wide = F32x16;
+        type Eight = F32x8;
+        type Four = F32x4;
+        type One = FusedF32;
+        const NAME: &'static str = "avx512";
+        #[inline(always)]
+        fn run<K: Kernel>(self, kernel: K) -> K::Output {
+            #[target_feature(
+                enable = "avx512f,avx512dq,avx512vl,avx512bw,avx512cd,avx2,fma,bmi1,bmi2,lzcnt,popcnt"
+            )]
+            fn compiled<K: Kernel>(isa: Avx512, kernel: K) -> K::Output {
+                kernel.run(isa)
+            }
+            // SAFETY: `self` exists only where the machine has the features.
+            unsafe { compiled(self, kernel) }
+        }
+    }
+}

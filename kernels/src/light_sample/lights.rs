@@ -1,0 +1,443 @@
+//! The light table, and how each kind of light is sampled: a direction towards it, the density of that direction,
+//! and the same density for a direction that was found otherwise.
+
+use crate::lanes::{Mask, Real, Uint};
+use crate::math::{Frame, Vec3, uniform_disk, uniform_sphere};
+
+/// Kinds of light, as bits, so that a set of them is a constant of a kernel.
+pub mod kind {
+    /// Full sphere, sampled by the cone it fills, or by direction from inside.
+    pub const SPHERE: u32 = 1;
+    /// Full sphere, sampled uniformly over its surface: for comparison.
+    pub const SPHERE_AREA: u32 = 2;
+    /// Triangle, sampled uniformly over its surface.
+    pub const TRIANGLE: u32 = 4;
+    /// Full disk (or ellipse), sampled uniformly over its surface.
+    pub const DISK: u32 = 8;
+    /// Point.
+    pub const POINT: u32 = 16;
+    /// Point with a cone.
+    pub const SPOT: u32 = 32;
+    /// Parallel light.
+    pub const DISTANT: u32 = 64;
+    /// Emitting surface that cannot be sampled (a clipped or stretched sphere): found by chance only.
+    pub const UNSAMPLED: u32 = 128;
+    /// All kinds.
+    pub const ALL: u32 = 255;
+}
+
+/// Lights with a place, and emitting surfaces (each triangle of an emitting mesh is a light).
+#[derive(Clone, Debug, Default)]
+pub struct LightTable {
+    /// One of [`kind`] a light.
+    pub kinds: Vec<u32>,
+    /// [`LightTable::STRIDE`] numbers a light: radiance or intensity (0..3), probability of being chosen (3), two-sided
+    /// (4, 0 or 1), then by kind: sphere centre (5..8) and signed radius (8); triangle corner (5..8), edges to the two
+    /// others (8..11, 11..14) in such an order that their cross product is on the emitting side, area (14); disk
+    /// centre (5..8), half axes (8..11, 11..14) ordered likewise, area (14); point and spot position (5..8), spot axis
+    /// (8..11), cosines where it begins to fade (11) and is dark (12); distant: direction towards the light (5..8).
+    pub rows: Vec<f32>,
+    /// Material of each light's surface.
+    pub materials: Vec<u32>,
+    /// Alias table (Walker 1977, Vose 1991): with a probability of `alias_keep[i]` light `i` itself is taken, else
+    /// `alias_other[i]`.
+    pub alias_keep: Vec<f32>,
+    /// See `alias_keep`.
+    pub alias_other: Vec<u32>,
+    /// Union of all kinds.
+    pub kinds_present: u32,
+}
+
+impl LightTable {
+    /// Numbers a light.
+    pub const STRIDE: usize = 15;
+
+    /// How many lights.
+    pub fn len(&self) -> usize {
+        self.kinds.len()
+    }
+    /// No lights?
+    pub fn is_empty(&self) -> bool {
+        self.kinds.is_empty()
+    }
+    /// The kinds that light sampling can choose.
+    pub fn sampled_kinds(&self) -> u32 {
+        self.kinds_present & !kind::UNSAMPLED
+    }
+
+    /// Adds a light; its probability is set by [`LightTable::choose_by_power`].
+    pub fn push(&mut self, kind: u32, row: [f32; Self::STRIDE], material: u32) -> u32 {
+        self.kinds.push(kind);
+        self.kinds_present |= kind;
+        self.rows.extend(row);
+        self.materials.push(material);
+        self.kinds.len() as u32 - 1
+    }
+
+    /// Sets the probability of each light to its share of `power` (one number a light, 0 for those that cannot be
+    /// sampled) and builds the alias table. If all powers are 0, all lights that can be sampled are equally likely.
+    pub fn choose_by_power(&mut self, power: &[f64]) {
+        assert_eq!(power.len(), self.len());
+        let sampled = |i: usize| self.kinds[i] != kind::UNSAMPLED;
+        let n = self.len();
+        let mut share: Vec<f64> = (0..n)
+            .map(|i| if sampled(i) && power[i].is_finite() { power[i].max(0.0) } else { 0.0 })
+            .collect();
+        if share.iter().sum::<f64>() <= 0.0 {
+            share = (0..n).map(|i| sampled(i) as u8 as f64).collect();
+        }
+        let total: f64 = share.iter().sum();
+        self.alias_keep = vec![1.0; n];
+        self.alias_other = (0..n as u32).collect();
+        if total <= 0.0 {
+            return;
+        }
+        for (i, s) in share.iter_mut().enumerate() {
+            self.rows[i * Self::STRIDE + 3] = (*s / total) as f32;
+            *s *= n as f64 / total;
+        }
+        let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| share[i] < 1.0);
+        while let (Some(&s), Some(&l)) = (small.last(), large.last()) {
+            small.pop();
+            self.alias_keep[s] = share[s] as f32;
+            self.alias_other[s] = l as u32;
+            share[l] -= 1.0 - share[s];
+            if share[l] < 1.0 {
+                large.pop();
+                small.push(l);
+            }
+        }
+        // What is left is 1 but for rounding; a light of probability 0 must still never be taken.
+        let largest = (0..n)
+            .max_by(|&a, &b| self.rows[a * Self::STRIDE + 3].total_cmp(&self.rows[b * Self::STRIDE + 3]));
+        for i in small {
+            if self.rows[i * Self::STRIDE + 3] == 0.0 {
+                self.alias_keep[i] = 0.0;
+                self.alias_other[i] = largest.unwrap_or(i) as u32;
+            }
+        }
+    }
+}
+
+/// The numbers of one light a lane.
+#[derive(Clone, Copy)]
+pub struct LightRow<'a, F: Real> {
+    table: &'a LightTable,
+    first: F::Uint,
+    kind: F::Uint,
+}
+
+impl<'a, F: Real> LightRow<'a, F> {
+    /// The row of light `id`.
+    ///
+    /// # Safety
+    /// Every lane of `id` is below `table.len()`.
+    #[inline(always)]
+    pub unsafe fn new(table: &'a LightTable, id: F::Uint) -> Self {
+        // SAFETY: the caller's promise.
+        let kind = unsafe { F::Uint::gather(&table.kinds, id) };
+        LightRow { table, first: id * F::Uint::splat(LightTable::STRIDE as u32), kind }
+    }
+    #[inline(always)]
+    fn get(&self, column: u32) -> F {
+        debug_assert!((column as usize) < LightTable::STRIDE);
+        // SAFETY: `rows` has STRIDE numbers for each light, and the light exists by the promise made to `new`.
+        unsafe { F::gather(&self.table.rows, self.first + F::Uint::splat(column)) }
+    }
+    #[inline(always)]
+    fn vector(&self, column: u32) -> Vec3<F> {
+        Vec3::new(self.get(column), self.get(column + 1), self.get(column + 2))
+    }
+    #[inline(always)]
+    fn is(&self, kind: u32) -> F::Mask {
+        self.kind.eq(F::Uint::splat(kind))
+    }
+    /// Radiance or intensity.
+    #[inline(always)]
+    pub fn radiance(&self) -> Vec3<F> {
+        self.vector(0)
+    }
+    /// Probability of being chosen.
+    #[inline(always)]
+    pub fn probability(&self) -> F {
+        self.get(3)
+    }
+    #[inline(always)]
+    fn two_sided(&self) -> F::Mask {
+        self.get(4).gt(F::zero())
+    }
+    /// Emitted radiance towards `-direction` for a ray that meets the surface with normal `normal`: on the side of
+    /// the normal, or on both.
+    #[inline(always)]
+    pub fn emitted(&self, normal: Vec3<F>, direction: Vec3<F>) -> Vec3<F> {
+        let seen = normal.dot(direction).lt(F::zero()) | self.two_sided();
+        Vec3::select(seen, self.radiance(), Vec3::zero())
+    }
+}
+
+/// Chooses a light from 32 random bits, by its probability.
+///
+/// The bits are spent twice: the upper half of `bits * n` is the entry of the alias table, the lower half (uniform
+/// and independent of it up to n / 2^32) decides between the two lights of the entry.
+#[inline(always)]
+pub fn choose<F: Real>(table: &LightTable, bits: F::Uint) -> F::Uint {
+    let n = F::Uint::splat(table.len() as u32);
+    let entry = bits.mul_high(n);
+    let keep = F::unit_from_bits(bits * n);
+    // SAFETY: `entry` < n, and both tables have n entries.
+    let (threshold, other) =
+        unsafe { (F::gather(&table.alias_keep, entry), F::Uint::gather(&table.alias_other, entry)) };
+    F::Uint::select(keep.lt(threshold), entry, other)
+}
+
+/// A direction towards a light.
+#[derive(Clone, Copy)]
+pub struct LightSample<F: Real> {
+    /// Unit direction from the reference point.
+    pub direction: Vec3<F>,
+    /// How far a shadow ray has to look: just short of the light.
+    pub distance: F,
+    /// Radiance that arrives if nothing is in between; for a light without extent the irradiance on a plane that
+    /// faces it.
+    pub radiance: Vec3<F>,
+    /// Density over solid angle, without the probability of choosing the light; 1 for lights without extent.
+    pub pdf: F,
+    /// Lights without extent: no other strategy finds them.
+    pub delta: F::Mask,
+    /// Lanes in which there is something to see.
+    pub valid: F::Mask,
+}
+
+/// Shadow rays stop this much short of the light, relative to the distance, so as not to meet it.
+const SHADOW_SHORTENING: f64 = 1e-4;
+
+/// Half of a cone's opening: `(1 - cos, sin^2)` of the largest angle under which a sphere of radius `r` is seen from
+/// the distance `d2.sqrt()`, without cancellation: 1 - sqrt(1 - x) = x / (1 + sqrt(1 - x)).
+#[inline(always)]
+fn cone<F: Real>(r2: F, d2: F) -> (F, F) {
+    let sin2 = (r2 / d2).min(F::one());
+    (sin2 / (F::one() + (F::one() - sin2).max(F::zero()).sqrt()), sin2)
+}
+
+/// Density of [`sample`]'s spheres over solid angle: uniform in the cone from outside, in all directions from inside.
+#[inline(always)]
+fn sphere_pdf<F: Real>(r2: F, d2: F) -> F {
+    let (one_minus_cos, _) = cone(r2, d2);
+    let outside = (F::lit(core::f64::consts::TAU) * one_minus_cos).recip();
+    F::select(d2.gt(r2), outside, F::lit(0.25 * core::f64::consts::FRAC_1_PI))
+}
+
+/// Samples a direction from `origin` towards the light, with `u` uniform in the unit square. `KINDS` holds every kind
+/// that occurs.
+#[inline(always)]
+pub fn sample<F: Real, const KINDS: u32>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> LightSample<F> {
+    let mut out = LightSample {
+        direction: Vec3::new(F::zero(), F::zero(), F::one()),
+        distance: F::zero(),
+        radiance: Vec3::zero(),
+        pdf: F::one(),
+        delta: F::Mask::from_bits(0),
+        valid: F::Mask::from_bits(0),
+    };
+    if KINDS & kind::SPHERE != 0 {
+        let lanes = if KINDS == kind::SPHERE { F::Mask::from_bits(u32::MAX) } else { light.is(kind::SPHERE) };
+        if KINDS == kind::SPHERE || lanes.any() {
+            merge(&mut out, lanes, sample_sphere(light, origin, u));
+        }
+    }
+    if KINDS & kind::SPHERE_AREA != 0 && light.is(kind::SPHERE_AREA).any() {
+        merge(&mut out, light.is(kind::SPHERE_AREA), sample_sphere_area(light, origin, u));
+    }
+    if KINDS & (kind::TRIANGLE | kind::DISK) != 0 {
+        let lanes = light.is(kind::TRIANGLE) | light.is(kind::DISK);
+        if lanes.any() {
+            merge(&mut out, lanes, sample_flat(light, origin, u));
+        }
+    }
+    if KINDS & (kind::POINT | kind::SPOT) != 0 {
+        let lanes = light.is(kind::POINT) | light.is(kind::SPOT);
+        if lanes.any() {
+            merge(&mut out, lanes, sample_point(light, origin));
+        }
+    }
+    if KINDS & kind::DISTANT != 0 && light.is(kind::DISTANT).any() {
+        merge(&mut out, light.is(kind::DISTANT), sample_distant(light));
+    }
+    out
+}
+
+/// Density with which [`sample`] takes the direction of a ray that met the light at distance `t` with the
+/// geometric normal `normal`, from `origin` over solid angle, without the probability of choosing the light.
+#[inline(always)]
+pub fn pdf<F: Real, const KINDS: u32>(
+    light: &LightRow<F>,
+    origin: Vec3<F>,
+    direction: Vec3<F>,
+    t: F,
+    normal: Vec3<F>,
+) -> F {
+    let mut pdf = F::zero();
+    if KINDS & kind::SPHERE != 0 {
+        let radius = light.get(8);
+        let d2 = (light.vector(5) - origin).length2();
+        pdf = F::select(light.is(kind::SPHERE), sphere_pdf(radius * radius, d2), pdf);
+    }
+    if KINDS & (kind::TRIANGLE | kind::DISK | kind::SPHERE_AREA) != 0 {
+        let sphere = light.is(kind::SPHERE_AREA);
+        let radius = light.get(8);
+        let area = F::select(sphere, F::lit(4.0 * core::f64::consts::PI) * radius * radius, light.get(14));
+        let by_area = t * t / (normal.dot(direction).abs() * area);
+        pdf = F::select(sphere | light.is(kind::TRIANGLE) | light.is(kind::DISK), by_area, pdf);
+    }
+    pdf
+}
+
+#[inline(always)]
+fn merge<F: Real>(out: &mut LightSample<F>, lanes: F::Mask, with: LightSample<F>) {
+    out.direction = Vec3::select(lanes, with.direction, out.direction);
+    out.distance = F::select(lanes, with.distance, out.distance);
+    out.radiance = Vec3::select(lanes, with.radiance, out.radiance);
+    out.pdf = F::select(lanes, with.pdf, out.pdf);
+    out.delta = out.delta | (lanes & with.delta);
+    out.valid = out.valid | (lanes & with.valid);
+}
+
+/// From outside: uniform in the cone of directions that meet the sphere. From inside: every direction meets it, so
+/// any direction, uniformly.
+#[inline(always)]
+fn sample_sphere<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> LightSample<F> {
+    let to_centre = light.vector(5) - origin;
+    let radius = light.get(8);
+    let r2 = radius * radius;
+    let d2 = to_centre.length2();
+    let outside = d2.gt(r2);
+    let d = d2.sqrt();
+    let (one_minus_cos_max, _) = cone(r2, d2);
+    // 1 - cos is uniform in the cone; sin^2 = (1 - cos)(1 + cos) does not cancel.
+    let one_minus_cos = u[0] * one_minus_cos_max;
+    let sin2 = one_minus_cos * (F::lit(2.0) - one_minus_cos);
+    let (sin_phi, cos_phi) = u[1].sin_cos_turns();
+    let sin = sin2.max(F::zero()).sqrt();
+    let local = Vec3::new(sin * cos_phi, sin * sin_phi, F::one() - one_minus_cos);
+    let axis = to_centre.scale(d.recip());
+    let in_cone = Frame::from_normal(axis).to_world(local);
+    let anywhere = uniform_sphere(u);
+    let direction = Vec3::select(outside, in_cone, anywhere);
+    // Distance to the surface: the near side from outside, the far side from inside.
+    let along = to_centre.dot(direction);
+    let miss2 = F::select(outside, d2 * sin2, (to_centre - direction.scale(along)).length2());
+    let half_chord = (r2 - miss2).max(F::zero()).sqrt();
+    let distance = F::select(outside, along - half_chord, along + half_chord);
+    // Grazing hits are known to about sqrt(eps) r only.
+    let slack = F::select(outside, radius.abs() * F::lit(5e-4), F::zero());
+    let distance = distance.mul_add(F::lit(1.0 - SHADOW_SHORTENING), -slack).max(F::zero());
+    // The side that emits: outwards for a positive radius, inwards for a negative one.
+    let outwards = radius.gt(F::zero());
+    let side = (outside & outwards) | (!outside & !outwards) | light.two_sided();
+    LightSample {
+        direction,
+        distance,
+        radiance: light.radiance(),
+        pdf: sphere_pdf(r2, d2),
+        delta: F::Mask::from_bits(0),
+        valid: side,
+    }
+}
+
+/// Uniform over the surface of the sphere: half of the samples lie on the far side. Kept for comparison.
+#[inline(always)]
+fn sample_sphere_area<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> LightSample<F> {
+    let radius = light.get(8);
+    let normal = uniform_sphere(u);
+    let point = normal.mul_add(radius.abs(), light.vector(5));
+    let area = F::lit(4.0 * core::f64::consts::PI) * radius * radius;
+    let mut out = towards_point(light, origin, point, normal.xor_sign(radius), area);
+    // The near side of the sphere hides the far side; a shadow ray that stops short of the far side could slip past
+    // a grazing near side, so the far side is left out by its normal.
+    let outside = (light.vector(5) - origin).length2().gt(radius * radius);
+    let faces = normal.dot(out.direction).lt(F::zero());
+    out.valid = out.valid & ((outside & faces) | (!outside & !faces));
+    let slack = F::select(outside, radius.abs() * F::lit(5e-4), F::zero());
+    out.distance = (out.distance - slack).max(F::zero());
+    out
+}
+
+/// Triangles (folded square) and disks (uniform disk), both uniform over their surface.
+#[inline(always)]
+fn sample_flat<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> LightSample<F> {
+    let (e1, e2) = (light.vector(8), light.vector(11));
+    // Low-distortion map of the square onto the triangle (Heitz 2019, "A Low-Distortion Map Between Triangle and
+    // Square").
+    let half = F::lit(0.5);
+    let lower = u[0].lt(u[1]);
+    let a = F::select(lower, u[0] * half, u[1].neg_mul_add(half, u[0]));
+    let b = F::select(lower, u[0].neg_mul_add(half, u[1]), u[1] * half);
+    let (x, y) = uniform_disk(u);
+    let disk = light.is(kind::DISK);
+    let (a, b) = (F::select(disk, x, a), F::select(disk, y, b));
+    let point = e1.mul_add(a, e2.mul_add(b, light.vector(5)));
+    towards_point(light, origin, point, e1.cross(e2).normalize(), light.get(14))
+}
+
+/// The sample at `point`, chosen uniformly from `area`.
+#[inline(always)]
+fn towards_point<F: Real>(
+    light: &LightRow<F>,
+    origin: Vec3<F>,
+    point: Vec3<F>,
+    normal: Vec3<F>,
+    area: F,
+) -> LightSample<F> {
+    let to = point - origin;
+    let d2 = to.length2();
+    let d = d2.sqrt();
+    let direction = to.scale(d.recip());
+    let cos = -normal.dot(direction);
+    let pdf = d2 / (cos.abs() * area);
+    LightSample {
+        direction,
+        distance: d * F::lit(1.0 - SHADOW_SHORTENING),
+        radiance: light.radiance(),
+        pdf,
+        delta: F::Mask::from_bits(0),
+        valid: (cos.gt(F::zero()) | (light.two_sided() & cos.lt(F::zero())))
+            & pdf.lt(F::lit(f32::MAX as f64)),
+    }
+}
+
+/// Point and spot lights: irradiance falls with the squared distance, the spot's also from its axis outwards by
+/// smoothstep of the cosine.
+#[inline(always)]
+fn sample_point<F: Real>(light: &LightRow<F>, origin: Vec3<F>) -> LightSample<F> {
+    let to = light.vector(5) - origin;
+    let d2 = to.length2();
+    let d = d2.sqrt();
+    let direction = to.scale(d.recip());
+    let cos = -light.vector(8).dot(direction);
+    let (start, end) = (light.get(11), light.get(12));
+    let x = ((cos - end) / (start - end)).max(F::zero()).min(F::one());
+    let smooth = x * x * x.neg_mul_add(F::lit(2.0), F::lit(3.0));
+    // Where both cosines are equal the edge is sharp.
+    let smooth = F::select(start.gt(end), smooth, F::select(cos.ge(end), F::one(), F::zero()));
+    let fall_off = F::select(light.is(kind::SPOT), smooth, F::one());
+    LightSample {
+        direction,
+        distance: d * F::lit(1.0 - SHADOW_SHORTENING),
+        radiance: light.radiance().scale(fall_off / d2),
+        pdf: F::one(),
+        delta: F::Mask::from_bits(u32::MAX),
+        valid: d2.gt(F::zero()) & fall_off.gt(F::zero()),
+    }
+}
+
+#[inline(always)]
+fn sample_distant<F: Real>(light: &LightRow<F>) -> LightSample<F> {
+    LightSample {
+        direction: light.vector(5),
+        distance: F::lit(f32::INFINITY as f64),
+        radiance: light.radiance(),
+        pdf: F::one(),
+        delta: F::Mask::from_bits(u32::MAX),
+        valid: F::Mask::from_bits(u32::MAX),
+    }
+}

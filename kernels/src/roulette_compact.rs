@@ -1,0 +1,134 @@
+//! Stage `roulette_compact`: Russian roulette, and the compaction of the survivors.
+
+use crate::isa::{Isa, Kernel};
+use crate::lanes::{Mask, Real, Uint};
+use crate::math::Vec3;
+use crate::queue::{OrderLists, PathQueue, SLOT_BITS, SlotTable};
+use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
+use crate::shade::Features;
+use core::marker::PhantomData;
+
+/// Paths are not played for before they have scattered this often.
+pub const FIRST_ROULETTE: u32 = 2;
+
+/// Probability of survival: the largest component of the throughput, with the radiance scaling of refraction taken
+/// out (light inside of glass is not more important for its radiance being higher), at most 1.
+#[inline(always)]
+pub fn survival<F: Real>(throughput: Vec3<F>, eta_scale: F, scattered: F::Uint) -> F {
+    let played = (throughput.max_component() * eta_scale).min(F::one());
+    let early = scattered.lt(F::Uint::splat(FIRST_ROULETTE));
+    F::select(early, F::one(), played)
+}
+
+/// Plays for a path that has scattered `scattered` times: its throughput afterwards and whether it lives.
+#[inline(always)]
+pub fn roulette<F: Real, S: Sampler>(
+    stream: Stream<F::Uint>,
+    throughput: Vec3<F>,
+    eta_scale: F,
+    scattered: F::Uint,
+) -> (Vec3<F>, F::Mask) {
+    let q = survival(throughput, eta_scale, scattered);
+    let certain = q.ge(F::one());
+    let possible = throughput.max_component().gt(F::zero());
+    if (!certain & possible).any() {
+        // The dimension belongs to the vertex just left.
+        let vertex = scattered - F::Uint::splat(1);
+        let u = S::one::<F>(stream, vertex_dimension(vertex, dimension::ROULETTE));
+        (throughput.scale(q.recip()), possible & (certain | u.lt(q)))
+    } else {
+        (throughput, possible)
+    }
+}
+
+/// The kernel: plays for all paths of a queue and packs the survivors to its front. Slots of the others go to the
+/// list of finished ones. Returns the number of finished slots.
+pub struct RouletteCompact<'a, P> {
+    /// Paths; packed in place.
+    pub paths: &'a mut PathQueue,
+    /// Random streams, and where a throughput that is not finite is made known.
+    pub slots: &'a mut SlotTable,
+    /// Receives the slots of ended paths, behind those that it has.
+    pub order: &'a mut OrderLists,
+    /// How many finished slots there are already.
+    pub finished: usize,
+    /// Features.
+    pub features: PhantomData<P>,
+}
+
+impl<P: Features> Kernel for RouletteCompact<'_, P> {
+    type Output = usize;
+    #[inline(always)]
+    fn run<I: Isa>(self, _isa: I) -> usize {
+        roulette_compact::<I::Wide, P>(self.paths, self.slots, self.order, self.finished)
+    }
+}
+
+#[inline(always)]
+fn roulette_compact<F: Real, P: Features>(
+    paths: &mut PathQueue,
+    slots: &mut SlotTable,
+    order: &mut OrderLists,
+    mut finished: usize,
+) -> usize {
+    let n = paths.len;
+    let mut to = 0;
+    let mut at = 0;
+    while at < n {
+        let count = (n - at).min(F::LANES);
+        let active = F::Mask::first(count);
+        // Columns are padded, so a whole vector can be read; lanes behind the end hold what earlier rounds left.
+        let real = |column: &[f32]| F::load(column, at);
+        let slot_depth = F::Uint::load(&paths.slot_depth, at);
+        let slot = slot_depth & F::Uint::splat((1 << SLOT_BITS) - 1);
+        let throughput =
+            Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
+        let eta_scale = if P::TRANSMISSION { real(&paths.eta_scale) } else { F::one() };
+
+        // The sum, not the maximum: that of a NaN and a number is the number.
+        let finite = (throughput.x + throughput.y + throughput.z).lt(F::lit(f64::INFINITY));
+        if (!finite & active).any() {
+            poison::<F>(slots, slot, !finite & active);
+        }
+        // SAFETY: slots were given out by `generate` and are below the capacity of the table; lanes behind the end
+        // hold slots of earlier rounds, or 0.
+        let stream = unsafe {
+            Stream { seed: F::Uint::gather(&slots.seed, slot), index: F::Uint::gather(&slots.index, slot) }
+        };
+        let scattered = slot_depth.shr::<SLOT_BITS>();
+        let (throughput, lives) = roulette::<F, P::Sampler>(stream, throughput, eta_scale, scattered);
+        let lives = lives & active & finite;
+        let ends = active & !lives;
+
+        // Packed in place: `to` never passes `at`, and the vector at `at` has been read, but the other columns of it
+        // have not: each is read just before it is written.
+        macro_rules! pack {
+            ($($column:ident),*) => {$(
+                F::load(&paths.$column, at).compress(lives, &mut paths.$column, to);
+            )*};
+        }
+        pack!(origin_x, origin_y, origin_z, direction_x, direction_y, direction_z, pdf);
+        throughput.x.compress(lives, &mut paths.throughput_r, to);
+        throughput.y.compress(lives, &mut paths.throughput_g, to);
+        throughput.z.compress(lives, &mut paths.throughput_b, to);
+        if P::TRANSMISSION {
+            eta_scale.compress(lives, &mut paths.eta_scale, to);
+        }
+        slot_depth.compress(lives, &mut paths.slot_depth, to);
+        slot.compress(ends, &mut order.finished, finished);
+        to += lives.count();
+        finished += ends.count();
+        at += count;
+    }
+    paths.len = to;
+    finished
+}
+
+/// A throughput that is infinite or not a number makes the sample invalid: it is counted when the path ends.
+#[cold]
+fn poison<F: Real>(slots: &mut SlotTable, slot: F::Uint, lanes: F::Mask) {
+    let slot = slot.to_array();
+    for i in (0..F::LANES).filter(|i| lanes.bits() >> i & 1 == 1) {
+        slots.radiance_r[slot[i] as usize] = f32::NAN;
+    }
+}

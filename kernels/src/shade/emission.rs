@@ -1,0 +1,105 @@
+//! Light that a path finds by itself: emitting surfaces.
+
+use super::{Features, add_radiance, list_lanes};
+use crate::isa::{Isa, Kernel};
+use crate::lanes::{Real, Uint};
+use crate::light_sample::lights::{LightRow, kind, pdf};
+use crate::math::{Vec3, power_heuristic};
+use crate::queue::{HitQueue, PathQueue, SLOT_BITS, SlotTable};
+use crate::scene::{PrimitiveTag, Scene};
+use crate::shade::surface::Surface;
+use core::marker::PhantomData;
+
+/// Emitted radiance along a ray that met light `light` at distance `t`, weighed against light sampling by the power
+/// heuristic. `pdf_bsdf` is the density of the ray's direction, 0 for specular lobes and camera rays, which light
+/// sampling never serves.
+///
+/// # Safety
+/// Every lane of `light` is a light of the scene.
+#[inline(always)]
+pub unsafe fn emitted<F: Real, P: Features>(
+    scene: &Scene,
+    light: F::Uint,
+    origin: Vec3<F>,
+    direction: Vec3<F>,
+    t: F,
+    normal: Vec3<F>,
+    pdf_bsdf: F,
+) -> Vec3<F> {
+    // SAFETY: the caller's promise.
+    let row = unsafe { LightRow::<F>::new(&scene.lights, light) };
+    let radiance = row.emitted(normal, direction);
+    if P::LIGHTS == 0 {
+        return radiance;
+    }
+    let pdf_light = match P::LIGHTS {
+        kind::SPHERE => pdf::<F, { kind::SPHERE }>(&row, origin, direction, t, normal),
+        _ => pdf::<F, { kind::ALL }>(&row, origin, direction, t, normal),
+    };
+    let weight = power_heuristic(pdf_bsdf, pdf_light * row.probability());
+    let specular = pdf_bsdf.eq(F::zero());
+    let weighed = radiance.scale(F::select(specular, F::one(), weight));
+    // Unseen sides emit nothing, whatever their weight came out as.
+    Vec3::select(radiance.max_component().gt(F::zero()), weighed, Vec3::zero())
+}
+
+/// The kernel: adds the emitted radiance of the listed paths.
+pub struct Emission<'a, P> {
+    /// Scene.
+    pub scene: &'a Scene,
+    /// Places of paths whose primitive emits.
+    pub list: &'a [u32],
+    /// Paths that arrive.
+    pub paths: &'a PathQueue,
+    /// Where they arrive.
+    pub hits: &'a HitQueue,
+    /// Receives the radiance.
+    pub slots: &'a mut SlotTable,
+    /// Features.
+    pub features: PhantomData<P>,
+}
+
+impl<P: Features> Kernel for Emission<'_, P> {
+    type Output = ();
+    #[inline(always)]
+    fn run<I: Isa>(self, _isa: I) {
+        emission::<I::Wide, P>(self.scene, self.list, self.paths, self.hits, self.slots);
+    }
+}
+
+#[inline(always)]
+fn emission<F: Real, P: Features>(
+    scene: &Scene,
+    list: &[u32],
+    paths: &PathQueue,
+    hits: &HitQueue,
+    slots: &mut SlotTable,
+) {
+    let mut at = 0;
+    while at < list.len() {
+        let (place, count) = list_lanes::<F>(list, at);
+        // SAFETY (block): listed places are below `paths.len` and hit an emitting primitive, whose tag holds the
+        // number of its light.
+        let (slot, radiance) = unsafe {
+            let real = |column: &[f32]| F::gather(column, place);
+            let slot = F::Uint::gather(&paths.slot_depth, place) & F::Uint::splat((1 << SLOT_BITS) - 1);
+            let primitive = F::Uint::gather(&hits.primitive, place);
+            let origin = Vec3::new(real(&paths.origin_x), real(&paths.origin_y), real(&paths.origin_z));
+            let direction =
+                Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z));
+            let t = real(&hits.t);
+            let surface = Surface::new(&scene.geometry, primitive, origin, direction, t, || {
+                (real(&hits.u), real(&hits.v))
+            });
+            let light =
+                F::Uint::gather(&scene.geometry.tags, primitive) & F::Uint::splat(PrimitiveTag::ID_MASK);
+            let emitted =
+                emitted::<F, P>(scene, light, origin, direction, t, surface.normal, real(&paths.pdf));
+            let throughput =
+                Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
+            (slot, throughput * emitted)
+        };
+        add_radiance::<F>(slots, slot, radiance, count);
+        at += count;
+    }
+}

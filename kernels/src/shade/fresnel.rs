@@ -1,0 +1,50 @@
+//! Fresnel reflectances, unpolarised.
+
+use crate::lanes::Real;
+use crate::math::Vec3;
+
+/// Reflectance of a dielectric for the cosine of incidence `cos_i` >= 0 and the relative index `eta` (transmitted
+/// side over incident side), the cosine of refraction, and the lanes of total internal reflection.
+#[inline(always)]
+pub fn dielectric<F: Real>(cos_i: F, eta: F) -> (F, F, F::Mask) {
+    // sin_t^2 = sin_i^2 / eta^2; cos_t^2 = 1 - sin_t^2 = (eta^2 - 1 + cos_i^2) / eta^2. For eta near 1 and grazing
+    // light the first form loses all digits; (eta - 1)(eta + 1) does not.
+    let scaled = (eta - F::one()).mul_add(eta + F::one(), cos_i * cos_i);
+    let total = scaled.le(F::zero());
+    // eta cos_t.
+    let eta_cos_t = scaled.max(F::zero()).sqrt();
+    let cos_t = eta_cos_t / eta;
+    let parallel = (eta.mul_sub(cos_i, cos_t)) / (eta.mul_add(cos_i, cos_t));
+    let perpendicular = (cos_i - eta_cos_t) / (cos_i + eta_cos_t);
+    let mean = F::lit(0.5) * parallel.mul_add(parallel, perpendicular * perpendicular);
+    (F::select(total, F::one(), mean), cos_t, total)
+}
+
+/// Reflectance of a conductor of complex index eta + i k, one channel.
+#[inline(always)]
+fn conductor_channel<F: Real>(cos_i: F, eta: F, k: F) -> F {
+    // Born and Wolf, section 14.4.1, in the form of Lagarde (2013): exact, with real arithmetic only.
+    let cos2 = cos_i * cos_i;
+    let sin2 = F::one() - cos2;
+    let (eta2, k2) = (eta * eta, k * k);
+    let t0 = eta2 - k2 - sin2;
+    let a2_plus_b2 = t0.mul_add(t0, F::lit(4.0) * eta2 * k2).max(F::zero()).sqrt();
+    let t1 = a2_plus_b2 + cos2;
+    let a = (F::lit(0.5) * (a2_plus_b2 + t0)).max(F::zero()).sqrt();
+    let t2 = F::lit(2.0) * cos_i * a;
+    let rs = (t1 - t2) / (t1 + t2);
+    let t3 = cos2.mul_add(a2_plus_b2, sin2 * sin2);
+    let t4 = t2 * sin2;
+    let rp = rs * (t3 - t4) / (t3 + t4);
+    F::lit(0.5) * (rp + rs)
+}
+
+/// Reflectance of a conductor of complex index `eta` + i `k` for the cosine of incidence `cos_i` >= 0.
+#[inline(always)]
+pub fn conductor<F: Real>(cos_i: F, eta: Vec3<F>, k: Vec3<F>) -> Vec3<F> {
+    Vec3::new(
+        conductor_channel(cos_i, eta.x, k.x),
+        conductor_channel(cos_i, eta.y, k.y),
+        conductor_channel(cos_i, eta.z, k.z),
+    )
+}

@@ -1,0 +1,381 @@
+//! Stage `shade`: one batch kernel for each class of materials, for emitting surfaces and for the sky.
+//!
+//! [`scatter`] is the path step at a surface, written once: light sampling, then the next direction. The kernels run
+//! it over index lists at full width, the megakernel one path at a time.
+
+pub mod bsdf;
+pub mod conductor;
+pub mod dielectric;
+pub mod emission;
+pub mod environment;
+pub mod fresnel;
+pub mod lambert;
+pub mod oren_nayar;
+pub mod rough_conductor;
+pub mod surface;
+pub mod thin_dielectric;
+
+use crate::isa::{Isa, Kernel};
+use crate::lanes::{Mask, Real, Uint};
+use crate::light_sample::lights::{LightRow, choose, sample};
+use crate::math::{Frame, Vec3, power_heuristic};
+use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable};
+use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
+use crate::scene::{PrimitiveTag, Scene};
+use bsdf::{Bsdf, MaterialRow};
+use core::marker::PhantomData;
+use surface::Surface;
+
+/// What the plan settled, as constants of the kernels: absent features cost nothing.
+pub trait Features: Copy + Send + Sync + 'static {
+    /// Which random numbers.
+    type Sampler: Sampler;
+    /// Kinds of lights to sample ([`crate::light_sample::lights::kind`]), or more; 0: none, and no light sampling.
+    const LIGHTS: u32;
+    /// Does light cross the surface of dielectrics?
+    const TRANSMISSION: bool;
+}
+
+/// A path at a surface.
+#[derive(Clone, Copy)]
+pub struct Vertex<F: Real> {
+    /// Where.
+    pub surface: Surface<F>,
+    /// Direction of the ray that came here.
+    pub direction: Vec3<F>,
+    /// Throughput so far.
+    pub throughput: Vec3<F>,
+    /// Product of the squared relative indices so far.
+    pub eta_scale: F,
+    /// Random numbers.
+    pub stream: Stream<F::Uint>,
+    /// Number of this vertex, 0 the first.
+    pub depth: F::Uint,
+}
+
+/// A ray towards a light, and what it adds if nothing is in its way.
+#[derive(Clone, Copy)]
+pub struct ShadowRay<F: Real> {
+    /// Where it starts.
+    pub origin: Vec3<F>,
+    /// Unit direction.
+    pub direction: Vec3<F>,
+    /// How far to look.
+    pub distance: F,
+    /// What it adds to the path's radiance.
+    pub radiance: Vec3<F>,
+    /// Lanes with such a ray.
+    pub valid: F::Mask,
+}
+
+/// A path that leaves a surface.
+#[derive(Clone, Copy)]
+pub struct Scattered<F: Real> {
+    /// Ray towards a light.
+    pub shadow: ShadowRay<F>,
+    /// Where the next ray starts.
+    pub origin: Vec3<F>,
+    /// Its unit direction.
+    pub direction: Vec3<F>,
+    /// Throughput; 0 in lanes where the path ended.
+    pub throughput: Vec3<F>,
+    /// Density of the direction over solid angle, 0 if specular.
+    pub pdf: F,
+    /// Product of the squared relative indices.
+    pub eta_scale: F,
+}
+
+/// The path step at a surface of material `B`: samples a light, weighs it against the BSDF, then samples the BSDF.
+#[inline(always)]
+pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
+    scene: &Scene,
+    vertex: &Vertex<F>,
+    bsdf: &B,
+) -> Scattered<F> {
+    let surface = &vertex.surface;
+    let wo = -vertex.direction;
+    // The frame is on the side of wo, but for materials that tell inside from outside.
+    let normal = if B::TRANSMITS {
+        surface.shading_normal
+    } else {
+        surface.shading_normal.xor_sign(surface.shading_normal.dot(wo))
+    };
+    let frame = Frame::from_normal(normal);
+    let wo_local = frame.to_local(wo);
+
+    let shadow = if P::LIGHTS != 0 && !B::SPECULAR {
+        light_ray::<F, B, P>(scene, vertex, bsdf, &frame, wo_local)
+    } else {
+        ShadowRay {
+            origin: surface.point,
+            direction: wo,
+            distance: F::zero(),
+            radiance: Vec3::zero(),
+            valid: F::Mask::from_bits(0),
+        }
+    };
+
+    let u = P::Sampler::two::<F>(vertex.stream, vertex_dimension(vertex.depth, dimension::BSDF));
+    let next = bsdf.sample(wo_local, u);
+    let direction = frame.to_world(next.wi);
+    let throughput = Vec3::select(next.valid, vertex.throughput * next.weight, Vec3::zero());
+    Scattered {
+        shadow,
+        origin: surface.leave(direction),
+        direction,
+        throughput,
+        pdf: next.pdf,
+        eta_scale: if P::TRANSMISSION && B::TRANSMITS {
+            vertex.eta_scale * next.eta_scale
+        } else {
+            vertex.eta_scale
+        },
+    }
+}
+
+/// Next-event estimation: one light, one direction, weighed by the power heuristic against the BSDF.
+#[inline(always)]
+fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
+    scene: &Scene,
+    vertex: &Vertex<F>,
+    bsdf: &B,
+    frame: &Frame<F>,
+    wo_local: Vec3<F>,
+) -> ShadowRay<F> {
+    let lights = &scene.lights;
+    let id = if lights.len() > 1 {
+        let bits = P::Sampler::bits(vertex.stream, vertex_dimension(vertex.depth, dimension::LIGHT_CHOICE));
+        choose::<F>(lights, bits)
+    } else {
+        F::Uint::splat(0)
+    };
+    // SAFETY: `choose` returns lights that exist; light 0 exists, as `LIGHTS` is not 0.
+    let light = unsafe { LightRow::<F>::new(lights, id) };
+    let u = P::Sampler::two::<F>(vertex.stream, vertex_dimension(vertex.depth, dimension::LIGHT));
+    // The same reference point as that of a BSDF ray on this side, so that both strategies speak of one density.
+    let reference = vertex.surface.leave(-vertex.direction);
+    let towards = {
+        // Constants of the trait cannot be const arguments: the match is settled at compile time.
+        use crate::light_sample::lights::kind;
+        match P::LIGHTS {
+            kind::SPHERE => sample::<F, { kind::SPHERE }>(&light, reference, u),
+            _ => sample::<F, { kind::ALL }>(&light, reference, u),
+        }
+    };
+    let wi_local = frame.to_local(towards.direction);
+    let value = bsdf.eval(wo_local, wi_local);
+    let pdf_light = towards.pdf * light.probability();
+    let weight = power_heuristic(pdf_light, bsdf.pdf(wo_local, wi_local));
+    let weight = F::select(towards.delta, F::one(), weight);
+    let radiance = vertex.throughput * value * towards.radiance.scale(weight / pdf_light);
+    // Rays that bring nothing are not traced; what is not a number is, so that it shows and is counted.
+    let nothing = (radiance.x + radiance.y + radiance.z).le(F::zero());
+    let valid = towards.valid & !nothing;
+    ShadowRay {
+        origin: vertex.surface.leave(towards.direction),
+        direction: towards.direction,
+        distance: towards.distance,
+        radiance,
+        valid,
+    }
+}
+
+/// A material as the type of a kernel: its [`Bsdf`] for every lane type.
+pub trait Material: Copy + Send + Sync + 'static {
+    /// The BSDF over lanes `F`.
+    type Bsdf<F: Real>: Bsdf<F>;
+}
+
+macro_rules! materials {
+    ($($doc:literal $name:ident $bsdf:ident $module:ident;)*) => {$(
+        #[doc = $doc]
+        #[derive(Clone, Copy, Debug)]
+        pub struct $name;
+        impl Material for $name {
+            type Bsdf<F: Real> = $module::$bsdf<F>;
+        }
+    )*};
+}
+materials! {
+    "See [`lambert`]." LambertMaterial Lambert lambert;
+    "See [`oren_nayar`]." OrenNayarMaterial OrenNayar oren_nayar;
+    "See [`conductor`]." ConductorMaterial Conductor conductor;
+    "See [`rough_conductor`]." RoughConductorMaterial RoughConductor rough_conductor;
+    "See [`dielectric`]." DielectricMaterial Dielectric dielectric;
+    "See [`thin_dielectric`]." ThinDielectricMaterial ThinDielectric thin_dielectric;
+}
+
+/// The material's number of a primitive with this tag.
+///
+/// # Safety
+/// The tag is one of the scene's.
+#[inline(always)]
+pub unsafe fn material_of<U: Uint>(scene: &Scene, tag: U) -> U {
+    let id = tag & U::splat(PrimitiveTag::ID_MASK);
+    let emits = !(tag & U::splat(PrimitiveTag::EMITS)).eq(U::splat(0));
+    if emits.any() {
+        // SAFETY: emitting lanes hold the number of a light; the others read light 0, which then exists.
+        let of_light = unsafe { U::gather(&scene.lights.materials, U::select(emits, id, U::splat(0))) };
+        U::select(emits, of_light, id)
+    } else {
+        id
+    }
+}
+
+/// The kernel: scatters the paths of one class.
+pub struct Shade<'a, M, P> {
+    /// Scene.
+    pub scene: &'a Scene,
+    /// Places in `paths` of the paths to scatter.
+    pub list: &'a [u32],
+    /// Paths that arrive.
+    pub paths: &'a PathQueue,
+    /// Where they arrive.
+    pub hits: &'a HitQueue,
+    /// Random streams.
+    pub slots: &'a SlotTable,
+    /// Paths that leave, appended in the order of `list`.
+    pub scattered: &'a mut PathQueue,
+    /// Rays towards lights, appended.
+    pub shadows: &'a mut ShadowQueue,
+    /// Material and features.
+    pub kernel: PhantomData<(M, P)>,
+}
+
+impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
+    type Output = ();
+    #[inline(always)]
+    fn run<I: Isa>(self, _isa: I) {
+        shade::<I::Wide, M::Bsdf<I::Wide>, P>(
+            self.scene,
+            self.list,
+            self.paths,
+            self.hits,
+            self.slots,
+            self.scattered,
+            self.shadows,
+        );
+    }
+}
+
+/// The lanes of a list from place `at`: indices (the last lanes repeat the first one if too few are left), and how
+/// many count.
+#[inline(always)]
+pub(crate) fn list_lanes<F: Real>(list: &[u32], at: usize) -> (F::Uint, usize) {
+    let count = (list.len() - at).min(F::LANES);
+    if count == F::LANES {
+        return (F::Uint::load(list, at), count);
+    }
+    let mut lanes = [list[at]; 16];
+    lanes[..count].copy_from_slice(&list[at..]);
+    (F::Uint::load(&lanes, 0), count)
+}
+
+#[inline(always)]
+fn shade<F: Real, B: Bsdf<F>, P: Features>(
+    scene: &Scene,
+    list: &[u32],
+    paths: &PathQueue,
+    hits: &HitQueue,
+    slots: &SlotTable,
+    scattered: &mut PathQueue,
+    shadows: &mut ShadowQueue,
+) {
+    let mut at = 0;
+    while at < list.len() {
+        let (place, count) = list_lanes::<F>(list, at);
+        // SAFETY (block): `material_sort` lists places below `paths.len`, all of which have a hit on a primitive of
+        // the scene; slots are below the capacity of the table; tags hold materials and lights of the scene.
+        let (vertex, bsdf, slot) = unsafe {
+            let real = |column: &[f32]| F::gather(column, place);
+            let slot_depth = F::Uint::gather(&paths.slot_depth, place);
+            let slot = slot_depth & F::Uint::splat((1 << SLOT_BITS) - 1);
+            let primitive = F::Uint::gather(&hits.primitive, place);
+            let direction =
+                Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z));
+            let surface = Surface::new(
+                &scene.geometry,
+                primitive,
+                Vec3::new(real(&paths.origin_x), real(&paths.origin_y), real(&paths.origin_z)),
+                direction,
+                real(&hits.t),
+                || (real(&hits.u), real(&hits.v)),
+            );
+            let tag = F::Uint::gather(&scene.geometry.tags, primitive);
+            let material = material_of(scene, tag);
+            let vertex = Vertex {
+                surface,
+                direction,
+                throughput: Vec3::new(
+                    real(&paths.throughput_r),
+                    real(&paths.throughput_g),
+                    real(&paths.throughput_b),
+                ),
+                eta_scale: if P::TRANSMISSION { real(&paths.eta_scale) } else { F::one() },
+                stream: Stream {
+                    seed: F::Uint::gather(&slots.seed, slot),
+                    index: F::Uint::gather(&slots.index, slot),
+                },
+                depth: slot_depth.shr::<SLOT_BITS>(),
+            };
+            (vertex, B::load(MaterialRow::new(&scene.materials, material)), slot)
+        };
+        let out = scatter::<F, B, P>(scene, &vertex, &bsdf);
+
+        if P::LIGHTS != 0 && !B::SPECULAR {
+            let valid = out.shadow.valid & F::Mask::first(count);
+            push_shadow::<F>(shadows, &out.shadow, valid, slot);
+        }
+
+        let to = scattered.len;
+        out.origin.x.store(&mut scattered.origin_x, to);
+        out.origin.y.store(&mut scattered.origin_y, to);
+        out.origin.z.store(&mut scattered.origin_z, to);
+        out.direction.x.store(&mut scattered.direction_x, to);
+        out.direction.y.store(&mut scattered.direction_y, to);
+        out.direction.z.store(&mut scattered.direction_z, to);
+        out.throughput.x.store(&mut scattered.throughput_r, to);
+        out.throughput.y.store(&mut scattered.throughput_g, to);
+        out.throughput.z.store(&mut scattered.throughput_b, to);
+        out.pdf.store(&mut scattered.pdf, to);
+        if P::TRANSMISSION {
+            out.eta_scale.store(&mut scattered.eta_scale, to);
+        }
+        let next = (vertex.depth + F::Uint::splat(1)).shl::<SLOT_BITS>() | slot;
+        next.store(&mut scattered.slot_depth, to);
+        scattered.len = to + count;
+        at += count;
+    }
+}
+
+/// Appends the rays of the set lanes.
+#[inline(always)]
+fn push_shadow<F: Real>(queue: &mut ShadowQueue, ray: &ShadowRay<F>, valid: F::Mask, slot: F::Uint) {
+    let to = queue.len;
+    ray.origin.x.compress(valid, &mut queue.origin_x, to);
+    ray.origin.y.compress(valid, &mut queue.origin_y, to);
+    ray.origin.z.compress(valid, &mut queue.origin_z, to);
+    ray.direction.x.compress(valid, &mut queue.direction_x, to);
+    ray.direction.y.compress(valid, &mut queue.direction_y, to);
+    ray.direction.z.compress(valid, &mut queue.direction_z, to);
+    ray.distance.compress(valid, &mut queue.distance, to);
+    ray.radiance.x.compress(valid, &mut queue.radiance_r, to);
+    ray.radiance.y.compress(valid, &mut queue.radiance_g, to);
+    ray.radiance.z.compress(valid, &mut queue.radiance_b, to);
+    slot.compress(valid, &mut queue.slot, to);
+    queue.len = to + valid.count();
+}
+
+/// Adds to the radiance of each path: `radiance` of lane `i` to slot `slot[i]`, for the first `count` lanes.
+/// Slots within a vector differ, as each path is in one place.
+#[inline(always)]
+pub(crate) fn add_radiance<F: Real>(slots: &mut SlotTable, slot: F::Uint, radiance: Vec3<F>, count: usize) {
+    let slot = slot.to_array();
+    let (r, g, b) = (radiance.x.to_array(), radiance.y.to_array(), radiance.z.to_array());
+    for i in 0..count {
+        let s = slot[i] as usize;
+        slots.radiance_r[s] += r[i];
+        slots.radiance_g[s] += g[i];
+        slots.radiance_b[s] += b[i];
+    }
+}

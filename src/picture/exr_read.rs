@@ -1,0 +1,308 @@
+//! OpenEXR, reading: the colours of whatever another renderer wrote.
+//!
+//! A file's header is only believed as far as the file's length allows: nothing is allocated on
+//! the word of a header alone.
+
+use std::collections::HashSet;
+use std::fs::File;
+use std::io::{BufReader, Read, Seek};
+use std::path::Path;
+
+use exr::block::reader::{ChunksReader, Reader};
+use exr::block::{self, UncompressedBlock};
+use exr::error::Error as ExrError;
+use exr::math::Vec2;
+use exr::meta::attribute::{AttributeValue, Compression, SampleType, Text};
+use exr::meta::header::Header;
+use exr::prelude::f16;
+
+use super::{DataWindow, Image, MAX_PIXELS, Metadata, REPORT_ATTRIBUTE};
+use crate::contain_panics::contain_panics;
+
+/// First bytes of every OpenEXR file.
+const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+
+/// Reads the colours of the file `path`, or says what is wrong with it.
+pub(super) fn read(path: &Path) -> Result<Image, String> {
+    let mut file = File::open(path).map_err(|error| error.to_string())?;
+    let metadata = file.metadata().map_err(|error| error.to_string())?;
+    if !metadata.is_file() {
+        return Err("it is not a regular file".into());
+    }
+    let mut magic = [0; 4];
+    if file.read_exact(&mut magic).is_err() || magic != MAGIC {
+        return Err("it is not an OpenEXR file".into());
+    }
+    file.rewind().map_err(|error| error.to_string())?;
+    // The decoders of `exr` index and subtract on what a damaged file says.
+    contain_panics(|| decode(BufReader::new(file), metadata.len()))
+        .unwrap_or_else(|| Err("the OpenEXR data are damaged".into()))
+}
+
+/// Decodes an OpenEXR file of `length` bytes.
+fn decode(file: impl Read + Seek, length: u64) -> Result<Image, String> {
+    let reader = block::read(file, false).map_err(explain)?;
+    let source = choose_channels(reader.headers())?;
+    for header in reader.headers() {
+        check_plausible(header, length)?;
+    }
+    let header = reader.headers()[source.part].clone();
+    let size = u64::from(to_u32(header.layer_size.0)?) * u64::from(to_u32(header.layer_size.1)?);
+    if size > MAX_PIXELS {
+        return Err(too_large(&header));
+    }
+    let mut pixels = vec![[0.0; 3]; size as usize];
+    read_blocks(reader, &header, &source, &mut pixels)?;
+    Ok(Image {
+        width: to_u32(header.layer_size.width())?,
+        height: to_u32(header.layer_size.height())?,
+        pixels,
+        window: data_window(&header)?,
+        channels: Vec::new(),
+        metadata: metadata(&header),
+    })
+}
+
+/// The channels to read: their part and, for red, green and blue, their place in its list.
+#[derive(Debug, PartialEq)]
+struct ColourChannels {
+    part: usize,
+    channels: [usize; 3],
+}
+
+/// Plain red, green, blue first, then those of a layer, then a grey; earlier parts first.
+fn choose_channels(headers: &[Header]) -> Result<ColourChannels, String> {
+    let mut best: Option<(u32, ColourChannels)> = None;
+    for (part, header) in headers.iter().enumerate() {
+        let names: Vec<String> = header
+            .channels
+            .list
+            .iter()
+            .map(|channel| channel.name.to_string())
+            .collect();
+        for (rank, channels) in colour_candidates(&names) {
+            if best.as_ref().is_none_or(|(best_rank, _)| rank < *best_rank) {
+                best = Some((rank, ColourChannels { part, channels }));
+            }
+        }
+    }
+    let Some((_, source)) = best else {
+        let names = headers.iter().flat_map(|header| &header.channels.list);
+        let names: Vec<_> = names
+            .take(16)
+            .map(|channel| channel.name.to_string())
+            .collect();
+        return Err(format!(
+            "it has no channels R, G and B, nor Y, but {}",
+            names.join(", ")
+        ));
+    };
+    if headers[source.part]
+        .channels
+        .list
+        .iter()
+        .any(|channel| channel.sampling != Vec2(1, 1))
+    {
+        return Err("it has subsampled channels, which are not supported".into());
+    }
+    Ok(source)
+}
+
+/// Every group of channels that makes a colour, with its rank: lower is better.
+fn colour_candidates(names: &[String]) -> Vec<(u32, [usize; 3])> {
+    let find = |name: String| names.iter().position(|n| n.eq_ignore_ascii_case(&name));
+    let mut candidates = Vec::new();
+    for (index, name) in names.iter().enumerate() {
+        let (layer, base) = name.split_at(name.rfind('.').map_or(0, |dot| dot + 1));
+        let in_layer = u32::from(!layer.is_empty());
+        if base.eq_ignore_ascii_case("r") {
+            let rest = (find(format!("{layer}G")), find(format!("{layer}B")));
+            if let (Some(green), Some(blue)) = rest {
+                candidates.push((in_layer, [index, green, blue]));
+            }
+        } else if base.eq_ignore_ascii_case("y") {
+            candidates.push((2 + in_layer, [index; 3]));
+        }
+    }
+    candidates
+}
+
+/// Refuses a header that promises more than [`MAX_PIXELS`], or than a file of `length` bytes can
+/// hold under its compression.
+fn check_plausible(header: &Header, length: u64) -> Result<(), String> {
+    let Vec2(width, height) = header.layer_size;
+    let pixels = width as u128 * height as u128;
+    if pixels == 0 {
+        return Err("it has no pixels".into());
+    }
+    if pixels > u128::from(MAX_PIXELS) {
+        return Err(too_large(header));
+    }
+    // Largest factor by which each method can shrink data: runs of at most 128 bytes in 2, the
+    // limit 1032 of deflate; the others may stack two such stages.
+    let ratio: u128 = match header.compression {
+        Compression::Uncompressed => 1,
+        Compression::RLE => 64,
+        Compression::ZIP1 | Compression::ZIP16 => 1040,
+        _ => 1040 * 128,
+    };
+    let pixel_bytes = pixels * header.channels.bytes_per_pixel as u128;
+    // Every block has 8 bytes in the offset table and 8 in front of its data.
+    let least = pixel_bytes / ratio + 16 * header.chunk_count as u128;
+    if least > u128::from(length) {
+        return Err(format!(
+            "it is truncated or damaged: {width} x {height} pixels cannot be in {length} bytes"
+        ));
+    }
+    Ok(())
+}
+
+fn too_large(header: &Header) -> String {
+    let Vec2(width, height) = header.layer_size;
+    format!("its size of {width} x {height} is beyond the limit of {MAX_PIXELS} pixels")
+}
+
+/// Reads all blocks of the largest level into `pixels`; every pixel must come exactly once.
+fn read_blocks<R: Read + Seek>(
+    reader: Reader<R>,
+    header: &Header,
+    source: &ColourChannels,
+    pixels: &mut [[f32; 3]],
+) -> Result<(), String> {
+    let wanted = |level: Vec2<usize>| level == Vec2(0, 0);
+    let chunks = reader
+        .filter_chunks(false, |_, tile, block| {
+            block.layer == source.part && wanted(tile.level_index)
+        })
+        .map_err(explain)?;
+    let layout = RowLayout::new(header, source);
+    let mut seen = HashSet::new();
+    let mut missing = pixels.len();
+    for block in chunks.sequential_decompressor(false) {
+        let block = block.map_err(explain)?;
+        let position = block.index.pixel_position;
+        let fresh = seen.insert((position.x(), position.y()));
+        if !fresh || block.index.layer != source.part || !wanted(block.index.level) {
+            return Err("it is damaged: a block of pixels is stored where another belongs".into());
+        }
+        copy_block(&block, &layout, header.layer_size, pixels)?;
+        missing = missing.saturating_sub(block.index.pixel_size.area());
+    }
+    if missing > 0 {
+        Err("it is incomplete".into())
+    } else {
+        Ok(())
+    }
+}
+
+/// Where the three colours lie in a row of a block: all samples of a channel, then the next's.
+struct RowLayout {
+    bytes_per_pixel: usize,
+    /// For each colour: bytes per pixel of the channels before it, and its own type.
+    colours: [(usize, SampleType); 3],
+}
+
+impl RowLayout {
+    fn new(header: &Header, source: &ColourChannels) -> Self {
+        let list = &header.channels.list;
+        let bytes = |index: usize| list[index].sample_type.bytes_per_sample();
+        let colours = source
+            .channels
+            .map(|channel| ((0..channel).map(bytes).sum(), list[channel].sample_type));
+        Self {
+            bytes_per_pixel: (0..list.len()).map(bytes).sum(),
+            colours,
+        }
+    }
+}
+
+fn copy_block(
+    block: &UncompressedBlock,
+    layout: &RowLayout,
+    size: Vec2<usize>,
+    pixels: &mut [[f32; 3]],
+) -> Result<(), String> {
+    let (Vec2(x, y), Vec2(width, height)) = (block.index.pixel_position, block.index.pixel_size);
+    let row_bytes = width * layout.bytes_per_pixel;
+    let inside = x + width <= size.width() && y + height <= size.height();
+    if !inside || block.data.len() != row_bytes * height {
+        return Err("it is damaged: a block of pixels has the wrong size".into());
+    }
+    for (row, bytes) in block.data.chunks_exact(row_bytes).enumerate() {
+        let start = (y + row) * size.width() + x;
+        let target = &mut pixels[start..start + width];
+        for (component, &(before, sample_type)) in layout.colours.iter().enumerate() {
+            let samples = &bytes[before * width..];
+            copy_samples(samples, sample_type, target, component);
+        }
+    }
+    Ok(())
+}
+
+/// Converts the first samples of `bytes`, in the machine's byte order, one for each pixel.
+fn copy_samples(bytes: &[u8], sample_type: SampleType, target: &mut [[f32; 3]], component: usize) {
+    let targets = target.iter_mut().map(|pixel| &mut pixel[component]);
+    match sample_type {
+        SampleType::F16 => {
+            for (target, &bytes) in targets.zip(bytes.as_chunks::<2>().0) {
+                *target = f16::from_ne_bytes(bytes).to_f32();
+            }
+        }
+        SampleType::F32 => {
+            for (target, &bytes) in targets.zip(bytes.as_chunks::<4>().0) {
+                *target = f32::from_ne_bytes(bytes);
+            }
+        }
+        SampleType::U32 => {
+            for (target, &bytes) in targets.zip(bytes.as_chunks::<4>().0) {
+                *target = u32::from_ne_bytes(bytes) as f32;
+            }
+        }
+    }
+}
+
+fn data_window(header: &Header) -> Result<DataWindow, String> {
+    let frame = header.shared_attributes.display_window;
+    let corner = header.own_attributes.layer_position;
+    let offset = |data: i32, frame: i32| {
+        data.checked_sub(frame)
+            .ok_or_else(|| "its data window is out of range".to_string())
+    };
+    Ok(DataWindow {
+        x: offset(corner.x(), frame.position.x())?,
+        y: offset(corner.y(), frame.position.y())?,
+        full_width: to_u32(frame.size.width())?,
+        full_height: to_u32(frame.size.height())?,
+    })
+}
+
+fn metadata(header: &Header) -> Metadata {
+    let own = &header.own_attributes;
+    let report = Text::new_or_none(REPORT_ATTRIBUTE).and_then(|name| own.other.get(&name));
+    let report = report.and_then(|value| match value {
+        AttributeValue::Text(text) => Some(text.to_string()),
+        _ => None,
+    });
+    Metadata {
+        report,
+        software: own.software_name.as_ref().map(Text::to_string),
+        owner: own.owner.as_ref().map(Text::to_string),
+    }
+}
+
+fn to_u32(size: usize) -> Result<u32, String> {
+    u32::try_from(size).map_err(|_| "its size is out of range".into())
+}
+
+fn explain(error: ExrError) -> String {
+    match error {
+        ExrError::Invalid(what) if what == "reference to missing bytes" => "it is truncated".into(),
+        ExrError::Invalid(what) => format!("it is damaged: {what}"),
+        ExrError::NotSupported(what) => format!("not supported: {what}"),
+        ExrError::Io(error) => error.to_string(),
+        ExrError::Aborted => "reading was given up".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests;
