@@ -34,6 +34,11 @@ impl Dialect {
         self.version == Version::V3
     }
 
+    /// Whether v3 is settled. Other than [`Dialect::is_v3`], asking decides nothing.
+    pub(crate) fn is_surely_v3(&self) -> bool {
+        self.version == Version::V3
+    }
+
     /// Whether a sign of v4 was seen, so that no revision can come.
     pub(crate) fn is_surely_v4(&self) -> bool {
         self.version == Version::V4

@@ -64,17 +64,24 @@ pub struct Loaded {
     pub inputs: Vec<PathBuf>,
 }
 
-/// Reads a scene file and all files that it refers to. A name that ends in `.gz` is decompressed.
+/// Reads a scene file and all files that it refers to. A name that ends in `.gz` is decompressed. The scene may
+/// come from a pipe; the files that it refers to may not.
 ///
 /// # Errors
 /// The first thing in the files that is wrong, or that wavepath cannot render rightly.
 pub fn load(path: &Path) -> Result<Loaded, Error> {
+    let cannot = |error: std::io::Error| {
+        Problem::new(Place::Nowhere, format!("cannot read {}: {error}", path.display()))
+    };
+    let directory = path.parent().unwrap_or(Path::new(""));
+    let special = source::read_special(path);
+    let special = special.map_err(|error| Sources::default().error(&cannot(error)))?;
+    if let Some(bytes) = special {
+        return load_bytes(&bytes, &path.display().to_string(), directory);
+    }
     load_with(|sources| {
-        let lexer = sources.open(path).map_err(|error| {
-            Problem::new(Place::Nowhere, format!("cannot read {}: {error}", path.display()))
-        })?;
-        let directory = path.parent().unwrap_or(Path::new("")).to_path_buf();
-        Ok((lexer, Some(path.to_path_buf()), directory))
+        let lexer = sources.open(path).map_err(cannot)?;
+        Ok((lexer, Some(path.to_path_buf()), directory.to_path_buf()))
     })
 }
 

@@ -217,8 +217,14 @@ impl Parameters {
         if !asked.contains(&name) {
             asked.push(name);
         }
+        self.given(name)
+    }
+
+    /// As [`Parameters::find`], for a name that should not be proposed: it is there to be refused.
+    pub(crate) fn given(&self, name: &str) -> Option<&Parameter> {
         let own = self.own.iter().rev().find(|p| p.name == name);
-        let found = own.or_else(|| self.defaults.iter().rev().map(|p| &**p).find(|p| p.name == name))?;
+        let default = || self.defaults.iter().rev().map(|p| &**p).find(|p| p.name == name);
+        let found = own.or_else(default)?;
         found.used.set(true);
         Some(found)
     }
@@ -343,20 +349,31 @@ impl Parameters {
     }
 
     /// A complaint for each parameter that nobody asked for. `what` is the directive, such as `shape "sphere"`.
-    pub(crate) fn unused(&self, what: &str) -> Vec<Problem> {
-        self.own.iter().filter(|p| !p.used.get()).map(|p| *self.unused_problem(p, what)).collect()
+    pub(crate) fn unknown(&self, what: &str) -> Vec<Problem> {
+        let unknown = self.own.iter().filter(|p| !p.used.get() && !self.is_shadowed(p));
+        unknown.map(|p| *self.unknown_problem(p, what)).collect()
     }
 
-    fn unused_problem(&self, parameter: &Parameter, what: &str) -> Box<Problem> {
+    /// A complaint for each parameter that a later one of the same name replaces, as in pbrt.
+    pub(crate) fn shadowed(&self) -> Vec<Problem> {
+        let shadowed = self.own.iter().filter(|p| !p.used.get() && self.is_shadowed(p));
+        let text = |p: &Parameter| format!("parameter \"{}\" is given twice", shorten(&p.name));
+        shadowed.map(|p| *Problem::at(p.span, text(p)).label("the last one counts")).collect()
+    }
+
+    fn is_shadowed(&self, parameter: &Parameter) -> bool {
+        self.own.iter().any(|other| other.used.get() && other.name == parameter.name)
+    }
+
+    fn unknown_problem(&self, parameter: &Parameter, what: &str) -> Box<Problem> {
         let name = shorten(&parameter.name);
-        if self.own.iter().any(|p| p.used.get() && p.name == parameter.name) {
-            return Problem::at(parameter.span, format!("parameter \"{name}\" is given twice"))
-                .label("the last one counts");
-        }
         let asked = self.asked.borrow();
-        let known =
-            if asked.is_empty() { "no parameters".into() } else { format!("one of {}", asked.join(", ")) };
+        let known = match asked.is_empty() {
+            true => "no parameters".to_string(),
+            false => format!("one of {}", asked.join(", ")),
+        };
+        let hint = did_you_mean(&parameter.name, &asked);
         Problem::at(parameter.span, format!("unknown parameter \"{name}\" for {what}"))
-            .label(format!("expected {known}{}", did_you_mean(&parameter.name, &asked)))
+            .label(format!("expected {known}{hint}"))
     }
 }

@@ -415,6 +415,16 @@ impl Parser {
         }
     }
 
+    /// Relative to the file that includes, or else to the main file, as pbrt has it.
+    fn resolve(&self, name: &str) -> PathBuf {
+        let near = self.directory().join(name);
+        let far = self.stack.first().map(|main| main.directory.join(name));
+        match far {
+            Some(far) if !near.exists() && far.exists() => far,
+            _ => near,
+        }
+    }
+
     fn include(
         &mut self,
         name: Name,
@@ -423,7 +433,7 @@ impl Parser {
         sources: &mut Sources,
     ) -> Result<Option<Statement>> {
         let what = if import { "Import" } else { "Include" };
-        let path = self.directory().join(&name.text);
+        let path = self.resolve(&name.text);
         self.includes += 1;
         if self.stack.len() >= MAX_INCLUDE_DEPTH || self.includes > MAX_INCLUDES {
             return Err(Problem::at(name.span, "too many files included")

@@ -587,4 +587,35 @@ mod tests {
             assert!(parse(&bytes[..length]).is_err(), "{length}");
         }
     }
+
+    #[test]
+    fn damaged_files_never_panic() {
+        // xorshift64*: fixed, so that a failure can be repeated.
+        let mut state = 0x1234_5678_9abc_def1_u64;
+        let mut below = |limit: usize| {
+            state ^= state >> 12;
+            state ^= state << 25;
+            state ^= state >> 27;
+            (state.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33) as usize % limit
+        };
+        for original in [ASCII.as_bytes().to_vec(), binary(false), binary(true)] {
+            for _ in 0..3000 {
+                let mut bytes = original.clone();
+                for _ in 0..=below(3) {
+                    let at = below(bytes.len());
+                    match below(4) {
+                        0 => bytes[at] = below(256) as u8,
+                        1 => bytes[at] ^= 1 << below(8),
+                        2 => drop(bytes.remove(at)),
+                        _ => bytes.insert(at, b"0919-."[below(6)]),
+                    }
+                }
+                if let Ok(mesh) = parse(&bytes[..]) {
+                    let count = mesh.positions.len();
+                    assert!(mesh.triangles.iter().flatten().all(|i| (*i as usize) < count));
+                    assert!(mesh.positions.iter().flatten().all(|c| c.is_finite()));
+                }
+            }
+        }
+    }
 }

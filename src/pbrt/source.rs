@@ -1,7 +1,7 @@
 //! The files of a scene: opening them, and showing a line of them when something is wrong.
 
 use std::fs::File;
-use std::io::{self, Cursor, Read};
+use std::io::{self, Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -36,17 +36,41 @@ pub(crate) struct Sources {
 }
 
 /// Opens a file for reading, decompressing it if its name ends in `.gz`.
+///
+/// Only regular files: opening a pipe would wait for a writer that may never come.
 pub(crate) fn open_maybe_gzipped(path: &Path) -> io::Result<Box<dyn Read>> {
-    // Opening a directory succeeds on Unix and fails only when it is read.
-    let file = File::open(path)?;
-    if file.metadata()?.is_dir() {
-        return Err(io::Error::new(io::ErrorKind::IsADirectory, "is a directory"));
-    }
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz")) {
+    let file = open_regular(path)?;
+    if is_gzipped(path) {
         Ok(Box::new(MultiGzDecoder::new(io::BufReader::new(file))))
     } else {
         Ok(Box::new(file))
     }
+}
+
+fn open_regular(path: &Path) -> io::Result<File> {
+    if !path.metadata()?.is_file() {
+        return Err(io::Error::other("is not a regular file"));
+    }
+    File::open(path)
+}
+
+fn is_gzipped(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gz"))
+}
+
+/// The bytes of a pipe or device, which can be read once only; `None` for a regular file or directory.
+pub(crate) fn read_special(path: &Path) -> io::Result<Option<Vec<u8>>> {
+    const MOST: u64 = 1 << 30;
+    let kind = path.metadata()?.file_type();
+    if kind.is_file() || kind.is_dir() {
+        return Ok(None);
+    }
+    let mut bytes = Vec::new();
+    File::open(path)?.take(MOST + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST {
+        return Err(io::Error::other("is a pipe with more than 1 GiB"));
+    }
+    Ok(Some(bytes))
 }
 
 impl Sources {
@@ -72,6 +96,11 @@ impl Sources {
 
     fn reopen(&self, file: FileId, offset: u64) -> io::Result<Box<dyn Read>> {
         let mut reader: Box<dyn Read> = match &self.sources[file.0 as usize].origin {
+            Origin::File(path) if !is_gzipped(path) => {
+                let mut file = open_regular(path)?;
+                file.seek(io::SeekFrom::Start(offset))?;
+                return Ok(Box::new(file));
+            }
             Origin::File(path) => open_maybe_gzipped(path)?,
             Origin::Text(text) => Box::new(Cursor::new(text.clone())),
         };

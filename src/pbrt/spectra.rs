@@ -198,6 +198,10 @@ pub(crate) const NAMED: [(&str, Named); 22] = [
     ("stdillum-D65", Named::WhiteLight),
 ];
 
+/// How the names of pbrt-v4's other spectra begin: brass, further illuminants, cameras.
+pub(crate) const UNSUPPORTED_PREFIXES: [&str; 7] =
+    ["metal-CuZn-", "stdillum-", "illum-", "canon_", "nikon_", "sony_", "cie1931"];
+
 /// The named spectrum, if there is one.
 pub(crate) fn named(name: &str) -> Option<Named> {
     // pbrt-v4 calls SF11 both names.

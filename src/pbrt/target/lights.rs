@@ -52,7 +52,10 @@ impl Builder {
         };
         parameters.accept(&["samples", "nsamples"]);
         self.check_unused(parameters, &format!("light \"{}\"", kind.text))?;
-        self.scene.lights.push(light);
+        // A dark light would be sampled in vain.
+        if !is_dark(&light) {
+            self.scene.lights.push(light);
+        }
         Ok(())
     }
 
@@ -151,6 +154,13 @@ impl Builder {
     }
 }
 
+fn is_dark(light: &Light) -> bool {
+    match light {
+        Light::Infinite { radiance } | Light::Distant { radiance, .. } => *radiance == [0.0; 3],
+        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => *intensity == [0.0; 3],
+    }
+}
+
 /// A number that counts if it is above 0; pbrt ignores others.
 fn positive(parameters: &Parameters, name: &'static str) -> Result<Option<f64>> {
     Ok(parameters.float(name)?.filter(|value| *value > 0.0))
@@ -168,8 +178,8 @@ fn power(parameters: &Parameters) -> Result<Option<f32>> {
 }
 
 /// Complains about a parameter that is given and has any effect.
-fn refuse(parameters: &Parameters, name: &'static str, message: &str) -> Result<()> {
-    match parameters.find(name) {
+fn refuse(parameters: &Parameters, name: &str, message: &str) -> Result<()> {
+    match parameters.given(name) {
         Some(parameter) if parameter.strings() != [""] => {
             Err(Problem::at(parameter.span, format!("\"{name}\": {message}"))
                 .label("expected a light without it"))

@@ -405,7 +405,10 @@ impl Builder {
 
     /// Complains about parameters that nobody asked for: an error in v4, a warning in v3.
     fn check_unused(&mut self, parameters: &Parameters, what: &str) -> Result<()> {
-        for problem in parameters.unused(what) {
+        for problem in parameters.shadowed() {
+            self.warn(Box::new(problem));
+        }
+        for problem in parameters.unknown(what) {
             if self.dialect.is_surely_v4() {
                 return Err(Box::new(problem));
             }
@@ -438,6 +441,7 @@ impl Builder {
             return Err(Problem::new(Place::Nowhere, "the scene has no WorldBegin")
                 .label("expected WorldBegin between the options and the scene"));
         }
+        self.finish_instances()?;
         self.finish_options()?;
         self.finish_filter();
         self.materials.finish(&mut self.scene)?;

@@ -3,6 +3,8 @@
 use std::collections::HashMap;
 use std::rc::Rc;
 
+use glam::DAffine3;
+
 use crate::pbrt::error::{Place, Problem, Result, Span};
 use crate::pbrt::lexer::shorten;
 use crate::pbrt::parser::Name;
@@ -15,6 +17,8 @@ use super::{Block, Builder, unknown};
 pub(super) struct Objects {
     defined: HashMap<String, Rc<Vec<PlacedShape>>>,
     open: Option<OpenObject>,
+    /// Instances of objects that are not defined so far: object, transform, place.
+    waiting: Vec<(Name, DAffine3, Span)>,
 }
 
 struct OpenObject {
@@ -65,10 +69,28 @@ impl Builder {
                 .label("instances of instances are not part of the format")
                 .note(Place::Span(open.span), "the object begins here"));
         }
+        let world_from_instance = self.static_ctm(span)?;
+        // v4 places instances when everything is read.
+        let known = self.objects.defined.contains_key(&name.text);
+        if !known && !self.dialect.is_v3() {
+            self.objects.waiting.push((name.clone(), world_from_instance, span));
+            return Ok(());
+        }
+        self.place(name, world_from_instance, span)
+    }
+
+    /// Places the instances that stood before their objects.
+    pub(super) fn finish_instances(&mut self) -> Result<()> {
+        for (name, world_from_instance, span) in std::mem::take(&mut self.objects.waiting) {
+            self.place(&name, world_from_instance, span)?;
+        }
+        Ok(())
+    }
+
+    fn place(&mut self, name: &Name, world_from_instance: DAffine3, span: Span) -> Result<()> {
         let Some(shapes) = self.objects.defined.get(&name.text).cloned() else {
             return Err(unknown("object", name, self.objects.defined.keys()));
         };
-        let world_from_instance = self.static_ctm(span)?;
         for shape in shapes.iter() {
             self.emit(shape, Some(world_from_instance), span)?;
         }

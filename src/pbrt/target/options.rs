@@ -237,6 +237,9 @@ impl Builder {
     pub(super) fn sampler(&mut self, name: &Name, parameters: &Parameters) -> Result<()> {
         const KNOWN: [&str; 8] =
             ["zsobol", "sobol", "paddedsobol", "halton", "pmj02bn", "stratified", "independent", "random"];
+        if matches!(name.text.as_str(), "random" | "02sequence" | "lowdiscrepancy" | "maxmindist") {
+            self.dialect.saw_v3(name.span)?;
+        }
         let (kind, default) = match name.text.as_str() {
             "independent" | "random" => (SamplerKind::Independent, 4),
             "zsobol" | "sobol" | "paddedsobol" | "halton" | "pmj02bn" | "stratified" | "02sequence"

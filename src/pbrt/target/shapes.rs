@@ -81,7 +81,10 @@ impl Default for ShapeTotals {
 impl ShapeTotals {
     fn add(&mut self, triangles: usize, vertices: usize, span: Span) -> Result<()> {
         // A vertex with normal and uv; three indices; the shape itself.
-        let bytes = vertices as u64 * 32 + triangles as u64 * 12 + size_of::<Shape>() as u64;
+        let bytes = (vertices as u64)
+            .saturating_mul(32)
+            .saturating_add((triangles as u64).saturating_mul(12))
+            .saturating_add(size_of::<Shape>() as u64);
         self.triangles = self.triangles.saturating_add(triangles as u64);
         self.bytes = self.bytes.saturating_add(bytes);
         if self.triangles > MAX_TRIANGLES {
@@ -128,6 +131,9 @@ impl Builder {
                 return Err(parameters.bad(name, &alpha.to_string(), "expected 1: alpha is not supported"));
             }
         }
+        if self.dialect.is_surely_v3() {
+            refuse_material_overrides(parameters)?;
+        }
         self.check_unused(parameters, &format!("shape \"{}\"", kind.text))?;
         let shape = PlacedShape {
             source,
@@ -147,7 +153,8 @@ impl Builder {
     fn emission(&mut self, span: Span) -> Option<Emission> {
         let light = self.state.area_light.clone()?;
         if !self.objects.is_open() {
-            return Some(light.emission);
+            // A lamp without light would be sampled in vain.
+            return Some(light.emission).filter(|emission| emission.radiance != [0.0; 3]);
         }
         self.warn(
             Problem::at(span, "area lights inside objects are not supported")
@@ -239,13 +246,16 @@ impl Builder {
             return Err(Problem::at(span, "plymesh without a file").label("expected \"string filename\""));
         };
         let path = self.resolve(name);
-        if let Some(parameter) = parameters.find("displacement") {
+        if let Some(parameter) = parameters.given("displacement") {
             return Err(Problem::at(parameter.span, "\"displacement\" is not supported")
                 .label("expected a mesh without displacement"));
         }
         parameters.accept(&["edgelength"]);
         self.inputs.push(path.clone());
         let mesh = ply::read(&path).map_err(|error| ply_problem(&path, &error, parameters))?;
+        if mesh.triangles.is_empty() {
+            self.warn(Problem::at(span, "the mesh has no faces").label("nothing of it is seen"));
+        }
         if mesh.quads > 0 {
             self.refuse_power(span)?;
         }
@@ -258,7 +268,7 @@ impl Builder {
     }
 
     fn bilinear_mesh(&mut self, parameters: &Parameters, span: Span) -> Result<Source> {
-        if let Some(parameter) = parameters.find("emissionfilename") {
+        if let Some(parameter) = parameters.given("emissionfilename") {
             return Err(Problem::at(parameter.span, "\"emissionfilename\" is not supported"));
         }
         let positions = points(parameters, span)?;
@@ -294,6 +304,33 @@ impl Builder {
         }
         Err(Problem::at(span, "an area light with \"power\" on quads is not supported")
             .label("each quad would be one light; expected triangles"))
+    }
+}
+
+/// In v3 a shape's parameters override those of its material: ignoring them would change the picture.
+fn refuse_material_overrides(parameters: &Parameters) -> Result<()> {
+    const NAMES: [&str; 14] = [
+        "Kd",
+        "Ks",
+        "Kr",
+        "Kt",
+        "sigma",
+        "roughness",
+        "uroughness",
+        "vroughness",
+        "eta",
+        "k",
+        "index",
+        "opacity",
+        "bumpmap",
+        "remaproughness",
+    ];
+    match NAMES.iter().find_map(|name| parameters.given(name)) {
+        None => Ok(()),
+        Some(parameter) => {
+            Err(Problem::at(parameter.span, "material parameters on a shape are not supported")
+                .label("expected in the Material"))
+        }
     }
 }
 
@@ -477,4 +514,39 @@ fn has_area(positions: &[[f32; 3]], triangle: &[u32; 3]) -> bool {
     let [a, b, c] = triangle.map(|i| DVec3::from_array(positions[i as usize].map(f64::from)));
     // The squares of tiny triangles would underflow: compare with 0 by component.
     (b - a).cross(c - a) != DVec3::ZERO
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pbrt::error::FileId;
+
+    #[test]
+    fn instances_cannot_explode() {
+        let span = Span { file: FileId(0), line: 1, line_start: 0, start: 0, end: 1 };
+        let mut totals = ShapeTotals { memory: u64::MAX, ..ShapeTotals::default() };
+        assert!(totals.add(1 << 30, 3, span).is_ok());
+        let error = totals.add(1 << 30, 3, span).unwrap_err();
+        assert!(error.message.contains("triangles"), "{}", error.message);
+        let mut totals = ShapeTotals { memory: 1 << 20, ..ShapeTotals::default() };
+        assert!(totals.add(1000, 1000, span).is_ok());
+        let error = totals.add(100_000, 1000, span).unwrap_err();
+        assert!(error.message.contains("GiB"), "{}", error.message);
+        assert!(totals.add(usize::MAX, usize::MAX, span).is_err());
+    }
+
+    #[test]
+    fn plane_quads_are_told_from_others() {
+        let quad = |points: [[f64; 3]; 4]| is_plane_and_convex(points.map(DVec3::from_array));
+        let square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+        assert!(quad(square));
+        assert!(quad(square.map(|p| p.map(|c| c * 1e-20))));
+        let mut bent = square;
+        bent[2][2] = 0.1;
+        assert!(!quad(bent));
+        let mut dented = square;
+        dented[2] = [0.2, 0.2, 0.0];
+        assert!(!quad(dented));
+        assert!(!quad([square[0], square[2], square[1], square[3]]));
+    }
 }

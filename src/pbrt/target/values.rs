@@ -179,6 +179,11 @@ impl Builder {
     fn spectrum_file(&mut self, parameter: &Parameter, name: &str) -> Result<SpectrumValue> {
         let path = self.resolve(name);
         if !path.is_file() {
+            let known = |prefix: &&str| name.starts_with(*prefix);
+            if spectra::UNSUPPORTED_PREFIXES.iter().any(known) {
+                let text = format!("spectrum \"{}\" is not supported", shorten(name));
+                return Err(parameter.problem(text).label("expected numbers instead"));
+            }
             let names = spectra::NAMED.map(|(name, _)| name);
             return Err(parameter.problem(format!("unknown spectrum \"{}\"", shorten(name))).label(format!(
                 "expected a file or one of {}{}",
@@ -220,6 +225,7 @@ impl Builder {
                 return Err(unknown_kind("type of texture", value_type, &["float", "spectrum"]));
             }
         };
+        self.check_redefinition(&name, is_float)?;
         if OTHER_CLASSES.contains(&class.text.as_str()) {
             let (text, span) = (class.text, name.span);
             if is_float {
@@ -240,6 +246,24 @@ impl Builder {
             self.textures.spectrum.insert(name.text, value);
         }
         self.check_unused(&parameters, &what)
+    }
+
+    /// An error in v4; in v3 the new texture takes the name.
+    fn check_redefinition(&mut self, name: &Name, is_float: bool) -> Result<()> {
+        let known = match is_float {
+            true => self.textures.float.contains_key(&name.text),
+            false => self.textures.spectrum.contains_key(&name.text),
+        };
+        if !known {
+            return Ok(());
+        }
+        let text = format!("texture \"{}\" is defined twice", shorten(&name.text));
+        let problem = Problem::at(name.span, text);
+        if !self.dialect.is_v3() {
+            return Err(problem.label("expected a new name"));
+        }
+        self.warn(problem.label("the last one counts"));
+        Ok(())
     }
 
     fn float_class(&mut self, class: &Name, parameters: &Parameters) -> Result<f64> {
@@ -292,19 +316,22 @@ impl Builder {
     /// Bump and normal maps change the picture; only a height that is constant does nothing.
     pub(super) fn refuse_bumps(&self, parameters: &Parameters) -> Result<()> {
         for name in ["displacement", "bumpmap"] {
-            let Some(parameter) = parameters.find(name) else {
+            let Some(parameter) = parameters.given(name) else {
                 continue;
             };
-            let constant = self.float_texture(parameters, name);
-            if constant.is_err() {
-                return Err(Problem::at(parameter.span, format!("\"{name}\" is not supported"))
-                    .label("expected a surface without bumps"));
+            let is_constant = parameter.ty == ParameterType::Texture
+                && look_up(&self.textures.float, parameter, "float").is_ok();
+            if !is_constant {
+                let text = format!("\"{name}\" is not supported");
+                return Err(Problem::at(parameter.span, text).label("expected a surface without bumps"));
             }
         }
-        match parameters.find("normalmap") {
-            None => Ok(()),
-            Some(parameter) => Err(Problem::at(parameter.span, "\"normalmap\" is not supported")
-                .label("expected a surface without a normal map")),
+        match parameters.given("normalmap") {
+            Some(parameter) if parameter.strings() != [""] => {
+                Err(Problem::at(parameter.span, "\"normalmap\" is not supported")
+                    .label("expected a surface without a normal map"))
+            }
+            _ => Ok(()),
         }
     }
 }
