@@ -9,13 +9,18 @@ use crate::shade::Features;
 use core::marker::PhantomData;
 
 /// Paths are not played for before they have scattered this often.
-pub const FIRST_ROULETTE: u32 = 2;
+pub const FIRST_ROULETTE: u32 = 3;
 
-/// Probability of survival: the largest component of the throughput, with the radiance scaling of refraction taken
-/// out (light inside of glass is not more important for its radiance being higher), at most 1.
+/// Probability of survival: the square root of the largest component of the throughput, with the radiance scaling of
+/// refraction taken out (light inside of glass is not more important for its radiance being higher), at most 1.
+///
+/// The throughput itself, from the second scattering on (pbrt's rule), ends paths sooner than it pays. Efficiency
+/// 1 / (relMSE seconds) relative to that rule, in a Cornell box, among aluminium, inside a spherical light, in a closed
+/// furnace, before caustics: square root from the second on 1.14, 1.27, 1.61, 1.59, 1.06; from the third on 1.14,
+/// 1.45, 2.5, 2.6, 1.05; from the fourth on 1.16, 1.52, 3.0, 4.4, 0.92.
 #[inline(always)]
 pub fn survival<F: Real>(throughput: Vec3<F>, eta_scale: F, scattered: F::Uint) -> F {
-    let played = (throughput.max_component() * eta_scale).min(F::one());
+    let played = (throughput.max_component() * eta_scale).sqrt().min(F::one());
     let early = scattered.lt(F::Uint::splat(FIRST_ROULETTE));
     F::select(early, F::one(), played)
 }

@@ -6,7 +6,7 @@ use crate::math::{Frame, Vec3, uniform_disk, uniform_sphere};
 
 /// Kinds of light, as bits, so that a set of them is a constant of a kernel.
 pub mod kind {
-    /// Full sphere, sampled by the cone it fills, or by direction from inside.
+    /// Full sphere, sampled by the cone it fills; from inside left to the directions of the BSDF.
     pub const SPHERE: u32 = 1;
     /// Full sphere, sampled uniformly over its surface: for comparison.
     pub const SPHERE_AREA: u32 = 2;
@@ -219,12 +219,12 @@ fn cone<F: Real>(r2: F, d2: F) -> (F, F) {
     (sin2 / (F::one() + (F::one() - sin2).max(F::zero()).sqrt()), sin2)
 }
 
-/// Density of [`sample`]'s spheres over solid angle: uniform in the cone from outside, in all directions from inside.
+/// Density of [`sample`]'s spheres over solid angle: uniform in the cone from outside, none from inside.
 #[inline(always)]
 fn sphere_pdf<F: Real>(r2: F, d2: F) -> F {
     let (one_minus_cos, _) = cone(r2, d2);
     let outside = (F::lit(core::f64::consts::TAU) * one_minus_cos).recip();
-    F::select(d2.gt(r2), outside, F::lit(0.25 * core::f64::consts::FRAC_1_PI))
+    F::select(d2.gt(r2), outside, F::zero())
 }
 
 /// Samples a direction from `origin` towards the light, with `u` uniform in the unit square. `KINDS` holds every kind
@@ -302,16 +302,17 @@ fn merge<F: Real>(out: &mut LightSample<F>, lanes: F::Mask, with: LightSample<F>
     out.valid = out.valid | (lanes & with.valid);
 }
 
-/// From outside: uniform in the cone of directions that meet the sphere. From inside: every direction meets it, so
-/// any direction, uniformly.
+/// Uniform in the cone of directions that meet the sphere.
+///
+/// From inside, every direction meets it: the light is a sky, and the directions to sample are those of the BSDF,
+/// whose next ray finds it with weight 1. Sampling all directions uniformly and weighing the two was tried: 0.75 to
+/// 0.81 of the efficiency, for about the same error and one more ray a vertex.
 #[inline(always)]
 fn sample_sphere<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> LightSample<F> {
     let to_centre = light.vector(5) - origin;
     let radius = light.get(8);
     let r2 = radius * radius;
     let d2 = to_centre.length2();
-    let outside = d2.gt(r2);
-    let d = d2.sqrt();
     let (one_minus_cos_max, _) = cone(r2, d2);
     // 1 - cos is uniform in the cone; sin^2 = (1 - cos)(1 + cos) does not cancel.
     let one_minus_cos = u[0] * one_minus_cos_max;
@@ -319,28 +320,22 @@ fn sample_sphere<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> Li
     let (sin_phi, cos_phi) = u[1].sin_cos_turns();
     let sin = sin2.max(F::zero()).sqrt();
     let local = Vec3::new(sin * cos_phi, sin * sin_phi, F::one() - one_minus_cos);
-    let axis = to_centre.scale(d.recip());
-    let in_cone = Frame::from_normal(axis).to_world(local);
-    let anywhere = uniform_sphere(u);
-    let direction = Vec3::select(outside, in_cone, anywhere);
-    // Distance to the surface: the near side from outside, the far side from inside.
+    let axis = to_centre.scale(d2.sqrt().recip());
+    let direction = Frame::from_normal(axis).to_world(local);
+    // Distance to the near side. Grazing hits are known to about sqrt(eps) r only.
     let along = to_centre.dot(direction);
-    let miss2 = F::select(outside, d2 * sin2, (to_centre - direction.scale(along)).length2());
-    let half_chord = (r2 - miss2).max(F::zero()).sqrt();
-    let distance = F::select(outside, along - half_chord, along + half_chord);
-    // Grazing hits are known to about sqrt(eps) r only.
-    let slack = F::select(outside, radius.abs() * F::lit(5e-4), F::zero());
-    let distance = distance.mul_add(F::lit(1.0 - SHADOW_SHORTENING), -slack).max(F::zero());
-    // The side that emits: outwards for a positive radius, inwards for a negative one.
-    let outwards = radius.gt(F::zero());
-    let side = (outside & outwards) | (!outside & !outwards) | light.two_sided();
+    let half_chord = d2.neg_mul_add(sin2, r2).max(F::zero()).sqrt();
+    let slack = radius.abs() * F::lit(5e-4);
+    let distance = (along - half_chord).mul_add(F::lit(1.0 - SHADOW_SHORTENING), -slack).max(F::zero());
+    // A positive radius emits outwards.
+    let emits = radius.gt(F::zero()) | light.two_sided();
     LightSample {
         direction,
         distance,
         radiance: light.radiance(),
         pdf: sphere_pdf(r2, d2),
         delta: F::Mask::from_bits(0),
-        valid: side,
+        valid: d2.gt(r2) & emits,
     }
 }
 
