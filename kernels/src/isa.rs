@@ -26,7 +26,7 @@ pub trait Isa: Copy + Send + Sync + 'static {
     /// Exactly 4 lanes: one ray against 4 triangles.
     type Four: Real;
     /// One lane, with fused multiply-add exactly if [`Isa::Wide`] has it, so that engines agree to the bit.
-    type One: Real;
+    type One: Real<Mask = bool, Uint = core::num::Wrapping<u32>>;
     /// Name for reports.
     const NAME: &'static str;
     /// Runs a kernel compiled for this set.

@@ -1,5 +1,7 @@
 //! What a scene is, apart from the format it was written in.
 
+mod build;
 mod description;
 
+pub use build::{BuildError, SphericalLights, build, set_resolution};
 pub use description::*;

@@ -1,0 +1,201 @@
+//! The megakernel: one path at a time, from the camera to its end. The naive baseline that the wavefront is held
+//! against: what a good engineer writes first, never hobbled, never tuned.
+
+use super::add_to_film;
+use super::schedule::Unit;
+use super::stats::{Laps, Stage, Stats};
+use super::Job;
+use crate::film::BlockSums;
+use std::marker::PhantomData;
+use wavepath_kernels::generate::{BLOCK_PIXELS, camera_ray};
+use wavepath_kernels::intersect::{Accelerator, TraversalStack};
+use wavepath_kernels::isa::{Isa, Kernel};
+use wavepath_kernels::lanes::{Real, Uint};
+use wavepath_kernels::material_sort::{list, list_of};
+use wavepath_kernels::math::Vec3;
+use wavepath_kernels::roulette_compact::roulette;
+use wavepath_kernels::sampler::{Stream, stream_seed};
+use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene};
+use wavepath_kernels::shade::bsdf::{Bsdf, MaterialRow};
+use wavepath_kernels::shade::emission::emitted;
+use wavepath_kernels::shade::surface::Surface;
+use wavepath_kernels::shade::{
+    ConductorMaterial, DielectricMaterial, Features, LambertMaterial, Material, OrenNayarMaterial,
+    RoughConductorMaterial, Scattered, ThinDielectricMaterial, Vertex, material_of, scatter,
+};
+
+/// One worker of the engine: takes tiles until there are none left.
+pub struct Worker<'a, P, A> {
+    /// What is rendered.
+    pub job: &'a Job<'a>,
+    /// What rays are traced through.
+    pub accelerator: &'a A,
+    /// Features.
+    pub features: PhantomData<P>,
+}
+
+impl<P: Features, A: Accelerator> Kernel for Worker<'_, P, A> {
+    type Output = Stats;
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) -> Stats {
+        let mut stats = Stats::default();
+        let mut laps = Laps::start();
+        let mut stack = self.accelerator.stack();
+        let mut sums = BlockSums::new(BLOCK_PIXELS, self.job.plan.requirements);
+        while let Some(unit) = self.job.schedule.take() {
+            sums.clear();
+            isa.run(Tile::<P, A> { worker: &self, unit: &unit, sums: &mut sums, stack: &mut stack, stats: &mut stats });
+            add_to_film(self.job, &unit, &sums, &mut stats);
+            laps.lap(&mut stats, Stage::Megakernel);
+        }
+        stats
+    }
+}
+
+/// All samples of a work unit.
+struct Tile<'a, P, A> {
+    worker: &'a Worker<'a, P, A>,
+    unit: &'a Unit,
+    sums: &'a mut BlockSums,
+    stack: &'a mut TraversalStack,
+    stats: &'a mut Stats,
+}
+
+impl<P: Features, A: Accelerator> Kernel for Tile<'_, P, A> {
+    type Output = ();
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) {
+        let Job { scene, film, seed, .. } = *self.worker.job;
+        let block = &film.blocks[self.unit.block];
+        let weighted = scene.camera.filter.has_negative_lobes();
+        for pixel in 0..block.pixels() {
+            let (x, y) = (block.x + block.columns[pixel], block.y + block.rows[pixel]);
+            let splat = <<I as Isa>::One as Real>::Uint::splat;
+            let number = splat(y.wrapping_mul(film.image_width).wrapping_add(x));
+            let stream_seed = stream_seed(seed, number, self.unit.replicate);
+            for sample in 0..self.unit.samples {
+                let stream = Stream { seed: stream_seed, index: splat(self.unit.first + sample) };
+                let ray = camera_ray::<I::One, P::Sampler>(&scene.camera, stream, splat(x), splat(y));
+                let radiance = trace::<I, P, A>(
+                    isa,
+                    scene,
+                    self.worker.accelerator,
+                    stream,
+                    ray.origin,
+                    ray.direction,
+                    self.stack,
+                    self.stats,
+                );
+                let weight = weighted.then(|| ray.weight.to_array()[0]);
+                self.sums.add(film.quantum, pixel, radiance, weight);
+            }
+        }
+    }
+}
+
+/// Radiance along a camera ray.
+#[allow(clippy::too_many_arguments)]
+#[inline(always)]
+fn trace<I: Isa, P: Features, A: Accelerator>(
+    isa: I,
+    scene: &Scene,
+    accelerator: &A,
+    stream: Stream<<I::One as Real>::Uint>,
+    mut origin: Vec3<I::One>,
+    mut direction: Vec3<I::One>,
+    stack: &mut TraversalStack,
+    stats: &mut Stats,
+) -> [f32; 3] {
+    let one = I::One::one();
+    let mut throughput = Vec3::all(one);
+    let mut eta_scale = one;
+    let mut pdf = I::One::zero();
+    let mut radiance = [0.0f32; 3];
+    let mut add = |light: Vec3<I::One>| {
+        for (sum, x) in radiance.iter_mut().zip(light.lane(0)) {
+            *sum += x;
+        }
+    };
+    stats.camera_rays += 1;
+    for depth in 0.. {
+        let hit = accelerator.closest(isa, origin.lane(0), direction.lane(0), stack);
+        let (list, emits) = list_of(&scene.geometry.tags, scene.max_depth, hit.primitive, depth);
+        if list == list::MISSED {
+            add(throughput * Vec3::splat(scene.environment));
+            break;
+        }
+        let splat = I::One::splat;
+        let uint = <<I as Isa>::One as Real>::Uint::splat;
+        let tag = scene.geometry.tags[hit.primitive as usize];
+        // SAFETY: the primitive was hit, so it exists.
+        let surface = unsafe {
+            Surface::new(&scene.geometry, uint(hit.primitive), origin, direction, splat(hit.t), || {
+                (splat(hit.u), splat(hit.v))
+            })
+        };
+        if emits {
+            let light = uint(tag & PrimitiveTag::ID_MASK);
+            // SAFETY: the tag of an emitting primitive holds the number of its light.
+            let light = unsafe {
+                emitted::<I::One, P>(scene, light, origin, direction, splat(hit.t), surface.normal, pdf)
+            };
+            add(throughput * light);
+        }
+        if list == list::ENDED {
+            break;
+        }
+        let vertex = Vertex { surface, direction, throughput, eta_scale, stream, depth: uint(depth) };
+        macro_rules! material {
+            ($material:ident) => {
+                scatter_from::<I::One, $material, P>(scene, tag, &vertex)
+            };
+        }
+        let next = match MaterialClass::ALL[list] {
+            MaterialClass::Absorber => break,
+            MaterialClass::Lambert => material!(LambertMaterial),
+            MaterialClass::OrenNayar => material!(OrenNayarMaterial),
+            MaterialClass::Conductor => material!(ConductorMaterial),
+            MaterialClass::RoughConductor => material!(RoughConductorMaterial),
+            MaterialClass::Dielectric => material!(DielectricMaterial),
+            MaterialClass::ThinDielectric => material!(ThinDielectricMaterial),
+        };
+        if P::LIGHTS != 0 && next.shadow.valid {
+            stats.shadow_rays += 1;
+            let distance = next.shadow.distance.to_array()[0];
+            let (from, to) = (next.shadow.origin.lane(0), next.shadow.direction.lane(0));
+            if !accelerator.occluded(isa, from, to, distance, stack) {
+                add(next.shadow.radiance);
+            }
+        }
+        if next.throughput.lane(0).iter().sum::<f32>().is_finite() {
+            let (weighed, lives) =
+                roulette::<I::One, P::Sampler>(stream, next.throughput, next.eta_scale, uint(depth + 1));
+            if !lives {
+                break;
+            }
+            throughput = weighed;
+        } else {
+            // An invalid sample: it is counted by the film.
+            add(Vec3::all(splat(f32::NAN)));
+            break;
+        }
+        (origin, direction) = (next.origin, next.direction);
+        (pdf, eta_scale) = (next.pdf, next.eta_scale);
+        stats.bounce_rays += 1;
+    }
+    radiance
+}
+
+/// The path step at a surface of a certain material.
+#[inline(always)]
+fn scatter_from<F, M: Material, P: Features>(scene: &Scene, tag: u32, vertex: &Vertex<F>) -> Scattered<F>
+where
+    F: Real,
+{
+    // SAFETY: the tag is one of the scene's, so its material exists.
+    let bsdf = unsafe {
+        let id = material_of(scene, F::Uint::splat(tag));
+        M::Bsdf::<F>::load(MaterialRow::new(&scene.materials, id))
+    };
+    scatter::<F, M::Bsdf<F>, P>(scene, vertex, &bsdf)
+}

@@ -1,0 +1,195 @@
+//! The engines: two ways to execute one definition of a path.
+//!
+//! [`wavefront`] runs batch kernels over pools of paths; [`megakernel`] follows one path at a time. Both draw the same
+//! random numbers and share the estimator, down to the bit.
+
+pub mod megakernel;
+pub mod schedule;
+pub mod stats;
+pub mod wavefront;
+
+use crate::film::{BlockSums, Film};
+use crate::plan::Plan;
+use crate::scene::SamplerKind;
+use schedule::{Schedule, Stop, Unit};
+use stats::Stats;
+use std::marker::PhantomData;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+use wavepath_kernels::intersect::bvh2::NaiveBvh;
+use wavepath_kernels::intersect::bvh8::Bvh8;
+use wavepath_kernels::intersect::Accelerator;
+use wavepath_kernels::isa::Level;
+use wavepath_kernels::light_sample::lights::kind;
+use wavepath_kernels::sampler::{Independent, Sampler, Sobol};
+use wavepath_kernels::scene::Scene;
+use wavepath_kernels::shade::Features;
+
+/// How paths are executed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EngineKind {
+    /// Stage by stage over pools of paths, in SIMD kernels.
+    Wavefront,
+    /// One path at a time.
+    Megakernel,
+}
+
+/// What is chosen for a render, beside the scene.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Engine.
+    pub engine: EngineKind,
+    /// Random numbers.
+    pub sampler: SamplerKind,
+    /// Worker threads, at least 1.
+    pub threads: usize,
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Paths in the pool of each worker; 16 to 2^20.
+    pub batch: usize,
+    /// Instruction set.
+    pub level: Level,
+}
+
+/// The tree that an engine traces rays through, built once a scene.
+pub enum Tree<'a> {
+    /// For the wavefront.
+    Bvh8(Bvh8<'a>),
+    /// For the megakernel.
+    Naive(NaiveBvh<'a>),
+}
+
+impl<'a> Tree<'a> {
+    /// Builds the tree of an engine.
+    pub fn build(engine: EngineKind, scene: &'a Scene) -> Self {
+        match engine {
+            EngineKind::Wavefront => Tree::Bvh8(Bvh8::new(&scene.geometry)),
+            EngineKind::Megakernel => Tree::Naive(NaiveBvh::new(&scene.geometry)),
+        }
+    }
+    /// Bytes on the heap.
+    pub fn bytes(&self) -> usize {
+        match self {
+            Tree::Bvh8(tree) => tree.bytes(),
+            Tree::Naive(tree) => tree.bytes(),
+        }
+    }
+}
+
+/// What is done so far, for those who watch.
+#[derive(Debug, Default)]
+pub struct Done {
+    /// Pixel samples.
+    pub samples: AtomicU64,
+    /// Rays.
+    pub rays: AtomicU64,
+}
+
+/// What all workers of a render share.
+pub struct Job<'a> {
+    /// Scene.
+    pub scene: &'a Scene,
+    /// Its plan.
+    pub plan: &'a Plan,
+    /// Receives the samples.
+    pub film: &'a Film,
+    /// Gives out work.
+    pub schedule: &'a Schedule,
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// What is done so far.
+    pub done: &'a Done,
+}
+
+/// Adds a complete work unit to the film.
+fn add_to_film(job: &Job, unit: &Unit, sums: &BlockSums, stats: &mut Stats) {
+    job.film.add(unit.block, unit.replicate, unit.samples, sums);
+    let samples = job.film.blocks[unit.block].pixels() as u64 * unit.samples as u64;
+    job.done.samples.fetch_add(samples, Ordering::Relaxed);
+    job.done.rays.fetch_add(stats.unpublished(), Ordering::Relaxed);
+}
+
+/// Features as the plan has them.
+#[derive(Clone, Copy, Debug)]
+struct Planned<S, const LIGHTS: u32, const TRANSMISSION: bool>(PhantomData<S>);
+
+impl<S: Sampler, const LIGHTS: u32, const TRANSMISSION: bool> Features for Planned<S, LIGHTS, TRANSMISSION> {
+    type Sampler = S;
+    const LIGHTS: u32 = LIGHTS;
+    const TRANSMISSION: bool = TRANSMISSION;
+}
+
+/// Renders until the rule says stop; `watch` is called about ten times a second meanwhile. Returns what all workers
+/// counted, and how long it took.
+///
+/// # Errors
+/// If the threads cannot be started.
+pub fn render(
+    scene: &Scene,
+    plan: &Plan,
+    tree: &Tree,
+    film: &Film,
+    settings: &Settings,
+    stop: Stop,
+    watch: impl FnMut(&Done),
+) -> Result<(Stats, Duration), rayon::ThreadPoolBuildError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads).build()?;
+    let started = Instant::now();
+    let schedule = Schedule::new(film, settings.threads, stop);
+    let done = Done::default();
+    let job = Job { scene, plan, film, schedule: &schedule, seed: settings.seed, done: &done };
+    let stats = watched(&done, watch, || match settings.sampler {
+        SamplerKind::Sobol => with_sampler::<Sobol>(&pool, &job, tree, settings),
+        SamplerKind::Independent => with_sampler::<Independent>(&pool, &job, tree, settings),
+    });
+    Ok((stats, started.elapsed()))
+}
+
+/// Runs `work` on a thread of its own and calls `watch` on this one until it is done.
+fn watched<R: Send>(done: &Done, mut watch: impl FnMut(&Done), work: impl FnOnce() -> R + Send) -> R {
+    std::thread::scope(|scope| {
+        let (send, receive) = std::sync::mpsc::channel();
+        let worker = scope.spawn(move || {
+            let result = work();
+            // The receiver waits for this.
+            let _ = send.send(());
+            result
+        });
+        while let Err(std::sync::mpsc::RecvTimeoutError::Timeout) =
+            receive.recv_timeout(Duration::from_millis(100))
+        {
+            watch(done);
+        }
+        match worker.join() {
+            Ok(result) => result,
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    })
+}
+
+fn with_sampler<S: Sampler>(pool: &rayon::ThreadPool, job: &Job, tree: &Tree, settings: &Settings) -> Stats {
+    match (job.plan.light_kinds, job.plan.requirements.transmission) {
+        (0, false) => run::<Planned<S, 0, false>>(pool, job, tree, settings),
+        (0, true) => run::<Planned<S, 0, true>>(pool, job, tree, settings),
+        (kind::SPHERE, false) => run::<Planned<S, { kind::SPHERE }, false>>(pool, job, tree, settings),
+        (kind::SPHERE, true) => run::<Planned<S, { kind::SPHERE }, true>>(pool, job, tree, settings),
+        (_, false) => run::<Planned<S, { kind::ALL }, false>>(pool, job, tree, settings),
+        (_, true) => run::<Planned<S, { kind::ALL }, true>>(pool, job, tree, settings),
+    }
+}
+
+fn run<P: Features>(pool: &rayon::ThreadPool, job: &Job, tree: &Tree, settings: &Settings) -> Stats {
+    let level = settings.level;
+    let workers = pool.broadcast(|_| match tree {
+        Tree::Bvh8(accelerator) => {
+            level.run(wavefront::Worker::<P, _> { job, accelerator, batch: settings.batch, features: PhantomData })
+        }
+        Tree::Naive(accelerator) => {
+            level.run(megakernel::Worker::<P, _> { job, accelerator, features: PhantomData })
+        }
+    });
+    workers.iter().fold(Stats::default(), |mut sum, worker| {
+        sum.merge(worker);
+        sum
+    })
+}

@@ -1,0 +1,111 @@
+//! What a worker counts and measures.
+
+use std::time::{Duration, Instant};
+
+/// The stages in the order in which they run, as they are named in reports, profiles and benches; and what else takes
+/// time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum Stage {
+    /// Camera rays.
+    Generate,
+    /// Closest hits.
+    Intersect,
+    /// Index lists by material.
+    MaterialSort,
+    /// Scattering, emission, sky.
+    Shade,
+    /// Rays towards lights.
+    LightSample,
+    /// Russian roulette and compaction.
+    RouletteCompact,
+    /// Adding ended paths to the film.
+    Film,
+    /// Everything, in an engine without stages.
+    Megakernel,
+}
+
+impl Stage {
+    /// How many there are.
+    pub const COUNT: usize = 8;
+    /// All of them.
+    pub const ALL: [Stage; Self::COUNT] = [
+        Stage::Generate,
+        Stage::Intersect,
+        Stage::MaterialSort,
+        Stage::Shade,
+        Stage::LightSample,
+        Stage::RouletteCompact,
+        Stage::Film,
+        Stage::Megakernel,
+    ];
+    /// The name of its file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Stage::Generate => "generate",
+            Stage::Intersect => "intersect",
+            Stage::MaterialSort => "material_sort",
+            Stage::Shade => "shade",
+            Stage::LightSample => "light_sample",
+            Stage::RouletteCompact => "roulette_compact",
+            Stage::Film => "film",
+            Stage::Megakernel => "megakernel",
+        }
+    }
+}
+
+/// Counts and times of one worker, or of all.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Stats {
+    /// Rays from the camera: as many as samples.
+    pub camera_rays: u64,
+    /// Rays from surfaces onwards.
+    pub bounce_rays: u64,
+    /// Rays towards lights.
+    pub shadow_rays: u64,
+    /// Time in each stage.
+    pub stages: [Duration; Stage::COUNT],
+    /// Rays that the progress display knows of.
+    published: u64,
+}
+
+impl Stats {
+    /// Rays of all classes.
+    pub fn rays(&self) -> u64 {
+        self.camera_rays + self.bounce_rays + self.shadow_rays
+    }
+    /// Rays since the last call.
+    pub fn unpublished(&mut self) -> u64 {
+        let new = self.rays() - self.published;
+        self.published = self.rays();
+        new
+    }
+    /// Adds those of another worker.
+    pub fn merge(&mut self, other: &Stats) {
+        self.camera_rays += other.camera_rays;
+        self.bounce_rays += other.bounce_rays;
+        self.shadow_rays += other.shadow_rays;
+        for (to, from) in self.stages.iter_mut().zip(&other.stages) {
+            *to += *from;
+        }
+    }
+}
+
+/// Measures stages without gaps: what passes between two laps belongs to the stage that the second one names.
+pub struct Laps {
+    last: Instant,
+}
+
+impl Laps {
+    /// Starts now.
+    pub fn start() -> Self {
+        Laps { last: Instant::now() }
+    }
+    /// Gives the time since the last lap to a stage.
+    #[inline(always)]
+    pub fn lap(&mut self, stats: &mut Stats, stage: Stage) {
+        let now = Instant::now();
+        stats.stages[stage as usize] += now - self.last;
+        self.last = now;
+    }
+}

@@ -1,0 +1,347 @@
+//! The film: exact sums, so that the order of samples, the number of threads and the way a render is cut into parts
+//! never change a bit of the image.
+//!
+//! Floating-point sums depend on their order, and paths end in an order that depends on everything. The film adds
+//! integers: each sample is rounded once to a multiple of a quantum, and the sums are 128 bits wide. Integer addition
+//! is associative, so any schedule gives the same bits. The quantum is 2^-64 of the brightest light of the scene: far
+//! below the rounding of an `f32` for anything that can be seen, and there is room above for 2^25 samples that are
+//! each 2^38 times brighter than that light.
+
+use std::sync::Mutex;
+use wavepath_kernels::generate::{BLOCK_PIXELS, BLOCK_SIDE, PixelBlock};
+use wavepath_kernels::queue::Requirements;
+
+/// Which multiple of which power of two samples are rounded to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Quantum {
+    exponent: i32,
+}
+
+impl Quantum {
+    /// Bits between the quantum and the brightest light.
+    const BELOW: i32 = 64;
+    /// Bits between the brightest light and the largest sample.
+    const ABOVE: i32 = 38;
+
+    /// For a scene whose brightest light has this radiance (or intensity).
+    pub fn for_brightest(radiance: f32) -> Self {
+        let exponent = if radiance > 0.0 && radiance.is_finite() { radiance.log2().ceil() as i32 } else { 0 };
+        Quantum { exponent: exponent - Self::BELOW }
+    }
+
+    /// `x` as a multiple of the quantum, to nearest; none if it is not a number, infinite, negative or too large.
+    #[inline]
+    pub fn count(self, x: f32) -> Option<i128> {
+        let bits = x.to_bits();
+        if bits >> 31 != 0 {
+            // -0 is 0.
+            return (bits == 0x8000_0000).then_some(0);
+        }
+        let field = (bits >> 23) as i32;
+        let mantissa = bits & 0x007F_FFFF | if field == 0 { 0 } else { 0x0080_0000 };
+        let shift = field.max(1) - 150 - self.exponent;
+        if field == 255 || shift > Self::BELOW + Self::ABOVE - 24 {
+            return None;
+        }
+        let mantissa = mantissa as i128;
+        Some(if shift >= 0 {
+            mantissa << shift
+        } else if shift < -25 {
+            0
+        } else {
+            mantissa + (1 << (-shift - 1)) >> -shift
+        })
+    }
+
+    /// The number that a count stands for.
+    pub fn value(self, count: i128) -> f64 {
+        count as f64 * (self.exponent as f64).exp2()
+    }
+}
+
+/// Sums over some samples of the pixels of a block.
+#[derive(Clone, Debug)]
+pub struct BlockSums {
+    /// Radiance, in quanta, weighted by the filter.
+    pub radiance: Vec<[i128; 3]>,
+    /// Filter weights; empty if all are 1.
+    pub weight: Vec<i64>,
+    /// Samples that were dropped.
+    pub invalid: u64,
+}
+
+impl BlockSums {
+    /// No samples of `pixels` pixels.
+    pub fn new(pixels: usize, requirements: Requirements) -> Self {
+        BlockSums {
+            radiance: vec![[0; 3]; pixels],
+            weight: if requirements.filter_weights { vec![0; pixels] } else { Vec::new() },
+            invalid: 0,
+        }
+    }
+    /// Back to no samples.
+    pub fn clear(&mut self) {
+        self.radiance.fill([0; 3]);
+        self.weight.fill(0);
+        self.invalid = 0;
+    }
+    /// Adds a sample. What is not a number, infinite or negative counts as black and is counted.
+    #[inline]
+    pub fn add(&mut self, quantum: Quantum, pixel: usize, radiance: [f32; 3], weight: Option<f32>) {
+        let counts = radiance.map(|x| quantum.count(x));
+        let sign = match weight {
+            None => 1,
+            Some(w) => {
+                let sign = if w < 0.0 { -1 } else { 1 };
+                self.weight[pixel] += sign;
+                sign as i128
+            }
+        };
+        match counts {
+            [Some(r), Some(g), Some(b)] => {
+                let sum = &mut self.radiance[pixel];
+                sum[0] += sign * r;
+                sum[1] += sign * g;
+                sum[2] += sign * b;
+            }
+            _ => self.invalid += 1,
+        }
+    }
+}
+
+/// A block of the film.
+#[derive(Debug)]
+struct FilmBlock {
+    /// By replicate.
+    sums: Vec<BlockSums>,
+    /// Samples of each pixel, by replicate.
+    samples: Vec<u32>,
+}
+
+/// The film.
+#[derive(Debug)]
+pub struct Film {
+    /// The pixels of each block.
+    pub blocks: Vec<PixelBlock>,
+    /// Width of the full image; numbers pixels.
+    pub image_width: u32,
+    /// Pixels that are rendered: `[x0, x1, y0, y1]`.
+    pub bounds: [u32; 4],
+    /// Independently scrambled replicates of each pixel.
+    pub replicates: u32,
+    /// How samples are rounded.
+    pub quantum: Quantum,
+    /// What the scene needs.
+    pub requirements: Requirements,
+    state: Vec<Mutex<FilmBlock>>,
+}
+
+/// A finished picture.
+#[derive(Clone, Debug)]
+pub struct Developed {
+    /// Pixel means, row by row, of the pixels in the bounds.
+    pub pixels: Vec<[f32; 3]>,
+    /// Pixel samples taken.
+    pub samples: u64,
+    /// Samples that were dropped.
+    pub invalid: u64,
+    /// Estimated relMSE; none with fewer than two replicates.
+    pub relmse: Option<f64>,
+}
+
+impl Film {
+    /// An empty film of the pixels in `bounds` (`[x0, x1, y0, y1]`) of an image `image_width` wide.
+    pub fn new(
+        image_width: u32,
+        bounds: [u32; 4],
+        replicates: u32,
+        quantum: Quantum,
+        requirements: Requirements,
+    ) -> Self {
+        let [x0, x1, y0, y1] = bounds;
+        let side = BLOCK_SIDE as u32;
+        let mut blocks = Vec::new();
+        for y in (y0..y1).step_by(BLOCK_SIDE) {
+            for x in (x0..x1).step_by(BLOCK_SIDE) {
+                let size = |from: u32, to: u32| (to - from).min(side) as usize;
+                blocks.push(PixelBlock::new(x, y, size(x, x1), size(y, y1)));
+            }
+        }
+        let state = blocks
+            .iter()
+            .map(|b| {
+                Mutex::new(FilmBlock {
+                    sums: vec![BlockSums::new(b.pixels(), requirements); replicates as usize],
+                    samples: vec![0; replicates as usize],
+                })
+            })
+            .collect();
+        Film { blocks, image_width, bounds, replicates, quantum, requirements, state }
+    }
+
+    /// Bytes of a film.
+    pub fn bytes(pixels: u64, replicates: u32, requirements: Requirements) -> u64 {
+        let weight = if requirements.filter_weights { size_of::<i64>() } else { 0 };
+        pixels * replicates as u64 * (size_of::<[i128; 3]>() + weight) as u64
+    }
+
+    /// How many pixels are rendered.
+    pub fn pixels(&self) -> u64 {
+        let [x0, x1, y0, y1] = self.bounds;
+        (x1 - x0) as u64 * (y1 - y0) as u64
+    }
+
+    /// Adds the sums of `samples` samples of each pixel of a block.
+    pub fn add(&self, block: usize, replicate: u32, samples: u32, sums: &BlockSums) {
+        let mut state = self.state[block].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        state.samples[replicate as usize] += samples;
+        let to = &mut state.sums[replicate as usize];
+        for (to, from) in to.radiance.iter_mut().zip(&sums.radiance) {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to += from;
+            }
+        }
+        for (to, from) in to.weight.iter_mut().zip(&sums.weight) {
+            *to += from;
+        }
+        to.invalid += sums.invalid;
+    }
+
+    /// Pixel means, and the estimate of their error from the spread of the replicates.
+    pub fn develop(&self) -> Developed {
+        let [x0, x1, y0, y1] = self.bounds;
+        let width = (x1 - x0) as usize;
+        let mut out = Developed {
+            pixels: vec![[0.0; 3]; width * (y1 - y0) as usize],
+            samples: 0,
+            invalid: 0,
+            relmse: None,
+        };
+        let mut error = ErrorSum::default();
+        for (block, state) in self.blocks.iter().zip(&self.state) {
+            let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            out.samples += state.samples.iter().map(|&n| n as u64).sum::<u64>() * block.pixels() as u64;
+            out.invalid += state.sums.iter().map(|s| s.invalid).sum::<u64>();
+            for pixel in 0..block.pixels() {
+                let (x, y) = (block.x + block.columns[pixel], block.y + block.rows[pixel]);
+                let mean = self.pixel(&state, pixel, &mut error);
+                out.pixels[(y - y0) as usize * width + (x - x0) as usize] = mean.map(|x| x as f32);
+            }
+        }
+        out.relmse = error.mean();
+        out
+    }
+
+    /// Mean of one pixel.
+    fn pixel(&self, state: &FilmBlock, pixel: usize, error: &mut ErrorSum) -> [f64; 3] {
+        let replicates = || {
+            state.sums.iter().zip(&state.samples).filter(|(_, n)| **n > 0).map(|(sums, &n)| {
+                let weight = sums.weight.get(pixel).map_or(n as f64, |&w| w as f64);
+                (sums.radiance[pixel], weight, n as f64)
+            })
+        };
+        let used = replicates().count();
+        let samples: f64 = replicates().map(|r| r.2).sum();
+        let weight: f64 = replicates().map(|r| r.1).sum();
+        core::array::from_fn(|k| {
+            // The sum over replicates is exact, and rounded once.
+            let total = self.quantum.value(replicates().map(|r| r.0[k]).sum());
+            let mean = if weight > 0.0 { total / weight } else { 0.0 };
+            if used >= 2 {
+                // Spread of the replicates' means; a replicate with negative weights counts by its samples.
+                let spread: f64 = replicates()
+                    .map(|(sum, w, n)| {
+                        let m = if w > 0.0 { self.quantum.value(sum[k]) / w } else { mean };
+                        n / samples * (m - mean).powi(2)
+                    })
+                    .sum();
+                error.add(spread / (used - 1) as f64, mean);
+            }
+            mean
+        })
+    }
+}
+
+/// Estimated relMSE: the mean over pixels and channels of variance over (mean^2 + 0.01).
+#[derive(Default)]
+struct ErrorSum {
+    sum: f64,
+    terms: u64,
+}
+
+impl ErrorSum {
+    fn add(&mut self, variance: f64, mean: f64) {
+        self.sum += variance / (mean * mean + crate::compare::EPSILON);
+        self.terms += 1;
+    }
+    fn mean(&self) -> Option<f64> {
+        (self.terms > 0).then(|| self.sum / self.terms as f64)
+    }
+}
+
+/// How many replicates for so many samples a pixel: enough for an estimate of the image's error, few enough that each
+/// keeps the advantage of stratified samples.
+pub fn replicates_for(spp: Option<u32>) -> u32 {
+    match spp {
+        Some(0..4) => 1,
+        Some(4..32) => 2,
+        Some(32..128) => 4,
+        _ => 8,
+    }
+}
+
+/// Largest number of paths that a work unit of `samples` samples has.
+pub fn unit_paths(samples: u32) -> usize {
+    BLOCK_PIXELS * samples as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_round_to_nearest_and_refuse_what_is_invalid() {
+        let quantum = Quantum::for_brightest(1.0);
+        for x in [0.0, 1.0, 0.3, 1e-6, 123.456, 1e9] {
+            let back = quantum.value(quantum.count(x).unwrap());
+            assert!((back - x as f64).abs() <= (-64.0f64).exp2(), "{x} came back as {back}");
+        }
+        assert_eq!(quantum.count(-0.0), Some(0));
+        for x in [f32::NAN, f32::INFINITY, -1.0, -1e-30, 1e12] {
+            assert_eq!(quantum.count(x), None, "{x}");
+        }
+        assert_eq!(quantum.count(f32::MIN_POSITIVE / 8.0), Some(0));
+        let dim = Quantum::for_brightest(1e-30);
+        let x = 3.25e-31;
+        assert!((dim.value(dim.count(x).unwrap()) / x as f64 - 1.0).abs() < 1e-7);
+    }
+
+    #[test]
+    fn sums_do_not_depend_on_their_order() {
+        let quantum = Quantum::for_brightest(10.0);
+        let samples: Vec<[f32; 3]> =
+            (0..1000).map(|k| [(k as f32 * 0.37).sin().abs() * 1e3, 1.0 / (k + 1) as f32, k as f32]).collect();
+        let sum = |order: &mut dyn Iterator<Item = &[f32; 3]>| {
+            let mut sums = BlockSums::new(1, Requirements::default());
+            order.for_each(|s| sums.add(quantum, 0, *s, None));
+            sums.radiance[0]
+        };
+        assert_eq!(sum(&mut samples.iter()), sum(&mut samples.iter().rev()));
+    }
+
+    #[test]
+    fn invalid_samples_are_black_and_counted() {
+        let film = Film::new(4, [0, 4, 0, 4], 2, Quantum::for_brightest(1.0), Requirements::default());
+        let mut sums = BlockSums::new(16, Requirements::default());
+        for pixel in 0..16 {
+            sums.add(film.quantum, pixel, [1.0, 2.0, 0.5], None);
+        }
+        sums.add(film.quantum, 0, [f32::NAN, 1.0, 1.0], None);
+        film.add(0, 0, 1, &sums);
+        film.add(0, 1, 1, &sums);
+        let picture = film.develop();
+        assert_eq!((picture.invalid, picture.samples), (2, 32));
+        assert_eq!(picture.pixels[15], [1.0, 2.0, 0.5]);
+        assert_eq!(picture.relmse, Some(0.0));
+    }
+}

@@ -1,0 +1,222 @@
+//! The plan: what a scene needs, decided once. Engines are instantiated from it, so that what a scene lacks costs
+//! nothing: no stage, no kernel, no queue column, no branch.
+
+use crate::film::Film;
+use serde::Serialize;
+use std::fmt;
+use wavepath_kernels::light_sample::lights::kind;
+use wavepath_kernels::queue::{Requirements, bytes_per_path, columns};
+use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene};
+
+/// A stage or kernel that runs or is left out, and why.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Part {
+    /// Name of the stage, or of the kernel of the shade stage.
+    pub name: String,
+    /// Does it run?
+    pub runs: bool,
+    /// Why, or why not.
+    pub why: String,
+}
+
+/// A queue column that is there or left out.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct PlannedColumn {
+    /// Queue and column.
+    pub name: String,
+    /// Bytes a path.
+    pub bytes: usize,
+    /// Is it allocated?
+    pub present: bool,
+    /// What it holds.
+    pub holds: &'static str,
+}
+
+/// How many primitives of each kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Primitives {
+    /// Triangles.
+    pub triangles: usize,
+    /// Those of them with vertex normals.
+    pub smooth_triangles: usize,
+    /// Spheres.
+    pub spheres: usize,
+    /// Disks, and clipped or stretched spheres.
+    pub quadrics: usize,
+}
+
+/// What a scene needs.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Features of queues.
+    pub requirements: Requirements,
+    /// Shade kernels that run, in order.
+    pub shade_kernels: Vec<MaterialClass>,
+    /// Is there light from the sky?
+    pub has_environment: bool,
+    /// Kinds of lights to sample ([`kind`]).
+    pub light_kinds: u32,
+    /// Lights, by what they are.
+    pub lights: Vec<(&'static str, usize)>,
+    /// Primitives.
+    pub primitives: Primitives,
+    /// Stages and kernels.
+    pub parts: Vec<Part>,
+    /// Queue columns.
+    pub columns: Vec<PlannedColumn>,
+    /// Bytes of all queues together, a path.
+    pub bytes_per_path: usize,
+    /// Bytes of geometry, without a tree.
+    pub geometry_bytes: usize,
+    /// Bytes of the film, a pixel and replicate.
+    pub film_bytes_per_pixel: u64,
+}
+
+const LIGHT_NAMES: [(u32, &str); 8] = [
+    (kind::SPHERE, "sphere (by solid angle)"),
+    (kind::SPHERE_AREA, "sphere (by area)"),
+    (kind::TRIANGLE, "triangle"),
+    (kind::DISK, "disk"),
+    (kind::POINT, "point"),
+    (kind::SPOT, "spot"),
+    (kind::DISTANT, "distant"),
+    (kind::UNSAMPLED, "surface found by chance only"),
+];
+
+impl Plan {
+    /// Makes the plan of a scene.
+    pub fn new(scene: &Scene) -> Plan {
+        let geometry = &scene.geometry;
+        let mut of_class = [0usize; MaterialClass::COUNT];
+        for &tag in &geometry.tags {
+            of_class[PrimitiveTag(tag).class() as usize] += 1;
+        }
+        let used = |class: MaterialClass| of_class[class as usize] > 0;
+        let scatters = scene.max_depth > 0;
+        let shade_kernels: Vec<_> = MaterialClass::ALL
+            .into_iter()
+            .filter(|&c| c != MaterialClass::Absorber && used(c) && scatters)
+            .collect();
+        let lit = shade_kernels.iter().any(|c| c.samples_lights());
+        let light_kinds = if lit { scene.lights.sampled_kinds() } else { 0 };
+        let requirements = Requirements {
+            transmission: shade_kernels.iter().any(|c| c.transmits()),
+            smooth_normals: geometry.smooth_triangles > 0,
+            light_sampling: light_kinds != 0,
+            filter_weights: scene.camera.filter.has_negative_lobes(),
+        };
+        let primitives = Primitives {
+            triangles: geometry.triangles.len(),
+            smooth_triangles: geometry.smooth_triangles,
+            spheres: geometry.spheres.len(),
+            quadrics: geometry.quadrics.len(),
+        };
+        let has_environment = scene.environment != [0.0; 3];
+        let mut plan = Plan {
+            requirements,
+            shade_kernels,
+            has_environment,
+            light_kinds,
+            lights: LIGHT_NAMES
+                .iter()
+                .map(|&(k, name)| (name, scene.lights.kinds.iter().filter(|&&x| x == k).count()))
+                .filter(|&(_, n)| n > 0)
+                .collect(),
+            primitives,
+            parts: Vec::new(),
+            columns: columns()
+                .map(|c| PlannedColumn {
+                    name: format!("{}.{}", c.queue, c.name),
+                    bytes: c.bytes,
+                    present: requirements.have(c.needs),
+                    holds: c.holds,
+                })
+                .collect(),
+            bytes_per_path: bytes_per_path(requirements),
+            geometry_bytes: geometry.bytes(),
+            film_bytes_per_pixel: Film::bytes(1, 1, requirements),
+        };
+        plan.parts = plan.list_parts(scene, &of_class, lit);
+        plan
+    }
+
+    fn list_parts(&self, scene: &Scene, of_class: &[usize], lit: bool) -> Vec<Part> {
+        let part = |name: &str, runs: bool, why: String| Part { name: name.to_string(), runs, why };
+        let p = self.primitives;
+        let counted = |n: usize, what: &str| match n {
+            0 => format!("no {what}"),
+            n => format!("{n} {what}"),
+        };
+        let camera = &scene.camera;
+        let mut parts = vec![
+            part("generate", true, "camera rays".into()),
+            part("generate: lens", camera.lens.is_some(), (if camera.lens.is_some() { "the lens has a radius" } else { "pinhole camera" }).into()),
+            part("generate: filter weights", self.requirements.filter_weights, (if self.requirements.filter_weights { "the filter has negative lobes" } else { "the filter is nowhere negative" }).into()),
+            part("intersect: triangles", p.triangles > 0, counted(p.triangles, "triangles")),
+            part("intersect: spheres", p.spheres > 0, counted(p.spheres, "spheres")),
+            part("intersect: quadrics", p.quadrics > 0, counted(p.quadrics, "disks, clipped or stretched spheres")),
+            part("material_sort", true, format!("{} lists", self.shade_kernels.len() + 2)),
+        ];
+        for class in MaterialClass::ALL.into_iter().filter(|&c| c != MaterialClass::Absorber) {
+            let n = of_class[class as usize];
+            let runs = self.shade_kernels.contains(&class);
+            let why = if n > 0 && !runs { "maxdepth is 0".into() } else { counted(n, "primitives") };
+            parts.push(part(&format!("shade: {}", class.name()), runs, why));
+        }
+        let emitting = scene.geometry.tags.iter().filter(|&&t| PrimitiveTag(t).emits()).count();
+        parts.push(part("shade: emission", emitting > 0, counted(emitting, "emitting primitives")));
+        parts.push(part(
+            "shade: environment",
+            self.has_environment,
+            (if self.has_environment { "the sky shines" } else { "the sky is black" }).into(),
+        ));
+        parts.push(part(
+            "light_sample",
+            self.light_kinds != 0,
+            match (lit, scene.lights.sampled_kinds()) {
+                (_, 0) => "no lights to sample".into(),
+                (false, _) => "no material that light sampling serves".into(),
+                (true, _) => format!("{} lights", scene.lights.len()),
+            },
+        ));
+        parts.push(part("roulette_compact", true, "Russian roulette".into()));
+        parts
+    }
+
+    /// The plan as JSON.
+    pub fn to_json(&self) -> serde_json::Value {
+        serde_json::json!({
+            "primitives": self.primitives,
+            "lights": self.lights.iter().map(|(name, n)| (name.to_string(), n)).collect::<std::collections::BTreeMap<_, _>>(),
+            "stages": self.parts,
+            "columns": self.columns,
+            "bytes_per_path": self.bytes_per_path,
+            "geometry_bytes": self.geometry_bytes,
+            "film_bytes_per_pixel_and_replicate": self.film_bytes_per_pixel,
+        })
+    }
+}
+
+impl fmt::Display for Plan {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let p = self.primitives;
+        writeln!(
+            f,
+            "primitives      {} triangles ({} with vertex normals), {} spheres, {} quadrics: {} bytes",
+            p.triangles, p.smooth_triangles, p.spheres, p.quadrics, self.geometry_bytes
+        )?;
+        let lights: Vec<_> = self.lights.iter().map(|(name, n)| format!("{n} {name}")).collect();
+        writeln!(f, "lights          {}", if lights.is_empty() { "none".into() } else { lights.join(", ") })?;
+        writeln!(f, "\nstages")?;
+        for part in &self.parts {
+            let mark = if part.runs { "runs    " } else { "left out" };
+            writeln!(f, "  {mark}  {:<28}{}", part.name, part.why)?;
+        }
+        writeln!(f, "\nqueue columns ({} bytes a path)", self.bytes_per_path)?;
+        for column in &self.columns {
+            let mark = if column.present { "there   " } else { "left out" };
+            writeln!(f, "  {mark}  {:<28}{:>2} bytes  {}", column.name, column.bytes, column.holds)?;
+        }
+        write!(f, "\nfilm            {} bytes a pixel and replicate", self.film_bytes_per_pixel)
+    }
+}

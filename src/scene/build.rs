@@ -1,0 +1,533 @@
+//! From a [`SceneDescription`] to the tables that the kernels read.
+
+use super::description as d;
+use glam::{DAffine3, DMat3, DVec3};
+use wavepath_kernels::generate::{Camera, Filter, FilterAxis, Lens};
+use wavepath_kernels::light_sample::LightTable;
+use wavepath_kernels::light_sample::lights::kind;
+use wavepath_kernels::queue::MAX_DEPTH;
+use wavepath_kernels::scene::{
+    Geometry, MaterialClass, MaterialTable, PrimitiveTag, Quadric, QuadricForm, Scene,
+};
+use wavepath_kernels::shade;
+
+/// How the light of spheres is sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SphericalLights {
+    /// Uniformly in the cone of directions that the sphere fills; from inside in all directions.
+    #[default]
+    Cone,
+    /// Uniformly over the surface: for comparison.
+    Area,
+}
+
+/// Why a description cannot be turned into a scene.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BuildError {
+    /// The material has a feature that no kernel has.
+    #[error("material {material}: {what} is not supported")]
+    Material {
+        /// Number of the material.
+        material: u32,
+        /// What was found.
+        what: String,
+    },
+    /// The scene holds more of something than can be numbered.
+    #[error("the scene has {found} {what}; at most {limit} are supported")]
+    TooMany {
+        /// Of what.
+        what: &'static str,
+        /// How many.
+        found: usize,
+        /// How many there may be.
+        limit: usize,
+    },
+}
+
+/// Most primitives of a scene.
+const MAX_PRIMITIVES: usize = 1 << PrimitiveTag::ID_BITS;
+
+/// A material on its way into the tables.
+#[derive(Clone, Copy)]
+struct BuiltMaterial {
+    class: MaterialClass,
+    id: u32,
+}
+
+/// Builds the tables.
+///
+/// # Errors
+/// [`BuildError`] names what is not supported.
+pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> Result<Scene, BuildError> {
+    let mut builder = Builder {
+        description,
+        spherical,
+        materials: MaterialTable::default(),
+        built: Vec::new(),
+        geometry: Geometry::default(),
+        lights: LightTable::default(),
+        powers: Vec::new(),
+    };
+    builder.check_size()?;
+    builder.materials()?;
+    builder.meshes();
+    builder.spheres();
+    builder.quadrics();
+    builder.lights_without_surface();
+    builder.lights.choose_by_power(&builder.powers);
+    let environment = description.lights.iter().fold([0.0; 3], |sum, light| match light {
+        d::Light::Infinite { radiance } => core::array::from_fn(|k| sum[k] + radiance[k]),
+        _ => sum,
+    });
+    Ok(Scene {
+        camera: camera(description),
+        geometry: builder.geometry,
+        materials: builder.materials,
+        lights: builder.lights,
+        environment,
+        max_depth: description.max_depth.min(MAX_DEPTH),
+    })
+}
+
+/// Sets another resolution: the crop keeps its share of the image, the field of view that of the shorter axis.
+pub fn set_resolution(description: &mut d::SceneDescription, width: u32, height: u32) {
+    let film = &mut description.film;
+    let old = film.resolution;
+    let scale = |x: u32, axis: usize, new: u32| {
+        (x as f64 * new as f64 / old[axis] as f64).round().min(new as f64) as u32
+    };
+    let [x0, x1, y0, y1] = film.pixel_bounds;
+    let (x0, x1) = (scale(x0, 0, width), scale(x1, 0, width));
+    let (y0, y1) = (scale(y0, 1, height), scale(y1, 1, height));
+    film.pixel_bounds = [
+        x0.min(width - 1),
+        x1.max(x0.min(width - 1) + 1),
+        y0.min(height - 1),
+        y1.max(y0.min(height - 1) + 1),
+    ];
+    film.resolution = [width, height];
+}
+
+fn camera(description: &d::SceneDescription) -> Camera {
+    let (c, film) = (&description.camera, &description.film);
+    let [width, height] = film.resolution.map(f64::from);
+    let aspect = c.frame_aspect_ratio.unwrap_or(width / height);
+    let [x0, x1, y0, y1] = c.screen_window.unwrap_or(if aspect > 1.0 {
+        [-aspect, aspect, -1.0, 1.0]
+    } else {
+        [-1.0, 1.0, -1.0 / aspect, 1.0 / aspect]
+    });
+    let tan = (c.fov.to_radians() / 2.0).tan();
+    let world = |x: f64, y: f64, z: f64| c.world_from_camera.transform_vector3(DVec3::new(x, y, z)).as_vec3();
+    Camera {
+        origin: c.world_from_camera.translation.as_vec3().into(),
+        corner: world(x0 * tan, y1 * tan, 1.0).into(),
+        right: world((x1 - x0) / width * tan, 0.0, 0.0).into(),
+        down: world(0.0, -(y1 - y0) / height * tan, 0.0).into(),
+        lens: (c.lens_radius > 0.0).then(|| Lens {
+            x: world(c.lens_radius, 0.0, 0.0).into(),
+            y: world(0.0, c.lens_radius, 0.0).into(),
+            focal_distance: c.focal_distance as f32,
+        }),
+        filter: filter(description.filter),
+    }
+}
+
+fn filter(filter: d::Filter) -> Filter {
+    let axes = |radius: [f64; 2], f: &dyn Fn(f64, f64) -> f64| {
+        radius.map(|r| FilterAxis::tabulate(r, |x| f(x, r)))
+    };
+    let axes = match filter {
+        d::Filter::Box { radius } => radius.map(FilterAxis::constant),
+        d::Filter::Triangle { radius } => axes(radius, &|x, r| r - x.abs()),
+        d::Filter::Gaussian { radius, sigma } => {
+            let gauss = move |x: f64| (-x * x / (2.0 * sigma * sigma)).exp();
+            axes(radius, &move |x, r| (gauss(x) - gauss(r)).max(0.0))
+        }
+        d::Filter::Mitchell { radius, b, c } => axes(radius, &move |x, r| mitchell(2.0 * x / r, b, c)),
+    };
+    Filter { axes }
+}
+
+/// Mitchell and Netravali's cubic for `|x|` up to 2.
+fn mitchell(x: f64, b: f64, c: f64) -> f64 {
+    let x = x.abs();
+    let cubic = if x <= 1.0 {
+        (12.0 - 9.0 * b - 6.0 * c) * x.powi(3) + (-18.0 + 12.0 * b + 6.0 * c) * x * x + (6.0 - 2.0 * b)
+    } else if x <= 2.0 {
+        (-b - 6.0 * c) * x.powi(3)
+            + (6.0 * b + 30.0 * c) * x * x
+            + (-12.0 * b - 48.0 * c) * x
+            + (8.0 * b + 24.0 * c)
+    } else {
+        0.0
+    };
+    cubic / 6.0
+}
+
+struct Builder<'a> {
+    description: &'a d::SceneDescription,
+    spherical: SphericalLights,
+    materials: MaterialTable,
+    built: Vec<BuiltMaterial>,
+    geometry: Geometry,
+    lights: LightTable,
+    powers: Vec<f64>,
+}
+
+/// The scale of a transform that keeps angles, if it is one.
+fn uniform_scale(m: &DAffine3) -> Option<f64> {
+    let gram = m.matrix3.transpose() * m.matrix3;
+    let s2 = (gram.x_axis.x + gram.y_axis.y + gram.z_axis.z) / 3.0;
+    let off = gram - DMat3::from_diagonal(DVec3::splat(s2));
+    let largest = off.to_cols_array().iter().fold(0.0f64, |a, x| a.max(x.abs()));
+    (largest <= 1e-6 * s2).then(|| s2.sqrt())
+}
+
+fn luminance(rgb: d::Rgb) -> f64 {
+    0.2126 * rgb[0] as f64 + 0.7152 * rgb[1] as f64 + 0.0722 * rgb[2] as f64
+}
+
+impl Builder<'_> {
+    fn check_size(&self) -> Result<(), BuildError> {
+        let d = self.description;
+        let primitives: usize = d
+            .shapes
+            .iter()
+            .map(|s| match s.geometry {
+                d::Geometry::Mesh(id) => d.meshes[id.0 as usize].triangles.len(),
+                _ => 1,
+            })
+            .sum();
+        let check = |what, found, limit| {
+            if found > limit { Err(BuildError::TooMany { what, found, limit }) } else { Ok(()) }
+        };
+        check("primitives", primitives, MAX_PRIMITIVES)?;
+        check("materials", d.materials.len(), MAX_PRIMITIVES)?;
+        let vertices = d.meshes.iter().map(|m| m.positions.len()).sum();
+        check("vertices", vertices, u32::MAX as usize / 4)
+    }
+
+    fn materials(&mut self) -> Result<(), BuildError> {
+        for (number, material) in self.description.materials.iter().enumerate() {
+            let unsupported =
+                |what: String| BuildError::Material { material: number as u32, what };
+            let (class, row) = match *material {
+                d::Material::Diffuse { reflectance: [0.0, 0.0, 0.0], .. } => {
+                    (MaterialClass::Absorber, [0.0; 8])
+                }
+                d::Material::Diffuse { reflectance, sigma } => {
+                    if sigma == 0.0 {
+                        (MaterialClass::Lambert, shade::lambert::row(reflectance))
+                    } else {
+                        (MaterialClass::OrenNayar, shade::oren_nayar::row(reflectance, sigma))
+                    }
+                }
+                d::Material::Conductor { eta, k, alpha: [0.0, 0.0] } => {
+                    (MaterialClass::Conductor, shade::conductor::row(eta, k))
+                }
+                d::Material::Conductor { eta, k, alpha: [u, v] } => {
+                    if u != v {
+                        return Err(unsupported(format!(
+                            "anisotropic roughness (alpha {u} along u, {v} along v)"
+                        )));
+                    }
+                    (MaterialClass::RoughConductor, shade::rough_conductor::row(eta, k, u))
+                }
+                d::Material::Dielectric { eta, reflectance, transmittance } => {
+                    (MaterialClass::Dielectric, shade::dielectric::row(eta, reflectance, transmittance))
+                }
+                d::Material::ThinDielectric { eta } => {
+                    (MaterialClass::ThinDielectric, shade::thin_dielectric::row(eta))
+                }
+            };
+            let id = self.materials.push(row);
+            self.built.push(BuiltMaterial { class, id });
+        }
+        Ok(())
+    }
+
+    /// The tag of a primitive that does not emit.
+    fn tag(&self, shape: &d::Shape) -> PrimitiveTag {
+        let m = self.built[shape.material.0 as usize];
+        PrimitiveTag::material(m.class, m.id)
+    }
+
+    /// Adds a light for an emitting primitive of a certain area and returns the primitive's tag.
+    fn emitter(
+        &mut self,
+        shape: &d::Shape,
+        emission: d::Emission,
+        kind: u32,
+        area: f64,
+        geometry: [f32; 10],
+    ) -> PrimitiveTag {
+        let sides = if emission.two_sided { 2.0 } else { 1.0 };
+        let scale = emission.power.map_or(1.0, |p| p as f64 / (std::f64::consts::PI * area * sides));
+        let radiance = emission.radiance.map(|x| (x as f64 * scale) as f32);
+        let material = self.built[shape.material.0 as usize];
+        let mut row = [0.0; LightTable::STRIDE];
+        row[..3].copy_from_slice(&radiance);
+        row[4] = emission.two_sided as u8 as f32;
+        row[5..].copy_from_slice(&geometry);
+        let id = self.lights.push(kind, row, material.id);
+        self.powers.push(luminance(radiance) * area * sides * std::f64::consts::PI);
+        PrimitiveTag::light(material.class, id)
+    }
+
+    /// The emission of a shape, if it is not black.
+    fn emission(shape: &d::Shape) -> Option<d::Emission> {
+        shape.emission.filter(|e| e.radiance != [0.0; 3] && e.power != Some(0.0))
+    }
+
+    fn meshes(&mut self) {
+        let description = self.description;
+        let shapes = |smooth: bool| {
+            description.shapes.iter().filter_map(move |s| match s.geometry {
+                d::Geometry::Mesh(id) => {
+                    let mesh = &description.meshes[id.0 as usize];
+                    (mesh.normals.is_empty() != smooth).then_some((s, id.0 as usize))
+                }
+                _ => None,
+            })
+        };
+        let ordered: Vec<_> = shapes(true).chain(shapes(false)).collect();
+        // Vertices and normals are stored once a mesh, however many shapes show it.
+        let mut first_vertex: Vec<Option<u32>> = vec![None; description.meshes.len()];
+        let mut first_normal = vec![0u32; description.meshes.len()];
+        for (shape, id) in ordered {
+            let mesh = &description.meshes[id];
+            let first = *first_vertex[id].get_or_insert_with(|| {
+                first_normal[id] = (self.geometry.normals.len() / 3) as u32;
+                self.geometry.normals.extend(mesh.normals.iter().flatten());
+                let first = self.geometry.vertices.len() as u32;
+                self.geometry.vertices.extend(&mesh.positions);
+                first
+            });
+            for triangle in &mesh.triangles {
+                self.triangle(shape, mesh, *triangle, first, first_normal[id]);
+            }
+        }
+        self.geometry.smooth_triangles = self.geometry.triangle_normals.len() / 3;
+    }
+
+    fn triangle(&mut self, shape: &d::Shape, mesh: &d::Mesh, corners: [u32; 3], first: u32, first_normal: u32) {
+        let p = corners.map(|k| DVec3::from(mesh.positions[k as usize].map(f64::from)));
+        let cross = (p[1] - p[0]).cross(p[2] - p[0]);
+        let area = 0.5 * cross.length();
+        let mut normal = if area > 0.0 { cross / (2.0 * area) } else { DVec3::Z };
+        let turned = if mesh.normals.is_empty() {
+            shape.flip_normal
+        } else {
+            // Vertex normals say which side is out, as in pbrt.
+            let n: DVec3 = corners.iter().map(|&k| DVec3::from(mesh.normals[k as usize].map(f64::from))).sum();
+            self.geometry.triangle_normals.extend(corners.map(|k| first_normal + k));
+            n.dot(normal) < 0.0
+        };
+        if turned {
+            normal = -normal;
+        }
+        let n = normal.as_vec3();
+        // With the rounded normal, so that the plane goes through the triangle.
+        let distance = p.iter().map(|p| p.dot(n.as_dvec3())).sum::<f64>() / 3.0;
+        self.geometry.triangles.push(corners.map(|k| first + k));
+        self.geometry.surfaces.extend([n.x, n.y, n.z, distance as f32]);
+        let tag = match Self::emission(shape) {
+            Some(emission) if area > 0.0 => {
+                let (a, b) = if turned { (p[2], p[1]) } else { (p[1], p[2]) };
+                let [e1, e2] = [(a - p[0]).as_vec3(), (b - p[0]).as_vec3()];
+                let corner = p[0].as_vec3();
+                let row = [
+                    corner.x, corner.y, corner.z, e1.x, e1.y, e1.z, e2.x, e2.y, e2.z, area as f32,
+                ];
+                self.emitter(shape, emission, kind::TRIANGLE, area, row)
+            }
+            _ => self.tag(shape),
+        };
+        self.geometry.tags.push(tag.0);
+    }
+
+    /// A shape that is a whole, round sphere in the world: centre and radius.
+    fn whole_sphere(geometry: &d::Geometry) -> Option<(DVec3, f64)> {
+        match *geometry {
+            d::Geometry::Sphere { world_from_object, radius, z_min, z_max, phi_max }
+                if z_min <= -radius && z_max >= radius && phi_max >= 360.0 =>
+            {
+                uniform_scale(&world_from_object).map(|s| (world_from_object.translation, s * radius))
+            }
+            _ => None,
+        }
+    }
+
+    fn spheres(&mut self) {
+        for shape in &self.description.shapes {
+            let Some((centre, radius)) = Self::whole_sphere(&shape.geometry) else { continue };
+            let signed = if shape.flip_normal { -radius } else { radius };
+            let c = centre.as_vec3();
+            let sphere = [c.x, c.y, c.z, signed as f32];
+            self.geometry.spheres.push(sphere);
+            self.geometry.surfaces.extend(sphere);
+            let tag = match Self::emission(shape) {
+                Some(emission) => {
+                    let mut row = [0.0; 10];
+                    row[..4].copy_from_slice(&sphere);
+                    let kind = match self.spherical {
+                        SphericalLights::Cone => kind::SPHERE,
+                        SphericalLights::Area => kind::SPHERE_AREA,
+                    };
+                    let area = 4.0 * std::f64::consts::PI * radius * radius;
+                    self.emitter(shape, emission, kind, area, row)
+                }
+                None => self.tag(shape),
+            };
+            self.geometry.tags.push(tag.0);
+        }
+    }
+
+    fn quadrics(&mut self) {
+        for shape in &self.description.shapes {
+            let (world_from_object, form) = match shape.geometry {
+                d::Geometry::Mesh(_) => continue,
+                d::Geometry::Sphere { .. } if Self::whole_sphere(&shape.geometry).is_some() => continue,
+                d::Geometry::Sphere { world_from_object, radius, z_min, z_max, phi_max } => (
+                    world_from_object,
+                    QuadricForm::Sphere {
+                        radius: radius as f32,
+                        z_min: z_min as f32,
+                        z_max: z_max as f32,
+                        phi_max: phi_max.to_radians() as f32,
+                    },
+                ),
+                d::Geometry::Disk { world_from_object, height, radius, inner_radius, phi_max } => (
+                    world_from_object,
+                    QuadricForm::Disk {
+                        height: height as f32,
+                        radius: radius as f32,
+                        inner_radius: inner_radius as f32,
+                        phi_max: phi_max.to_radians() as f32,
+                    },
+                ),
+            };
+            let inverse = world_from_object.inverse();
+            let rows = inverse.matrix3.transpose();
+            let t = inverse.translation;
+            let row = |r: DVec3, t: f64| [r.x as f32, r.y as f32, r.z as f32, t as f32];
+            self.geometry.quadrics.push(Quadric {
+                object_from_world: [row(rows.x_axis, t.x), row(rows.y_axis, t.y), row(rows.z_axis, t.z)],
+                centre: world_from_object.translation.as_vec3().into(),
+                form,
+                flip_normal: shape.flip_normal,
+            });
+            self.geometry.surfaces.extend([0.0; 4]);
+            let tag = match Self::emission(shape) {
+                Some(emission) => self.quadric_light(shape, emission, &world_from_object),
+                None => self.tag(shape),
+            };
+            self.geometry.tags.push(tag.0);
+        }
+    }
+
+    /// Whole disks are sampled; everything else that is clipped or stretched is found by chance.
+    fn quadric_light(&mut self, shape: &d::Shape, emission: d::Emission, world: &DAffine3) -> PrimitiveTag {
+        match shape.geometry {
+            d::Geometry::Disk { height, radius, inner_radius: 0.0, phi_max, .. } if phi_max >= 360.0 => {
+                let centre = world.transform_point3(DVec3::new(0.0, 0.0, height)).as_vec3();
+                let mut x = world.transform_vector3(DVec3::X * radius);
+                let mut y = world.transform_vector3(DVec3::Y * radius);
+                let normal = world.matrix3.inverse().transpose() * DVec3::Z;
+                if (x.cross(y).dot(normal) < 0.0) != shape.flip_normal {
+                    std::mem::swap(&mut x, &mut y);
+                }
+                let area = std::f64::consts::PI * x.cross(y).length();
+                let (x, y) = (x.as_vec3(), y.as_vec3());
+                let row = [centre.x, centre.y, centre.z, x.x, x.y, x.z, y.x, y.y, y.z, area as f32];
+                self.emitter(shape, emission, kind::DISK, area, row)
+            }
+            _ => {
+                let area = surface_area(&shape.geometry);
+                self.emitter(shape, emission, kind::UNSAMPLED, area, [0.0; 10])
+            }
+        }
+    }
+
+    fn lights_without_surface(&mut self) {
+        let radius = scene_radius(&self.geometry);
+        for light in &self.description.lights {
+            let mut row = [0.0; LightTable::STRIDE];
+            let mut put = |at: usize, v: [f32; 3]| row[at..at + 3].copy_from_slice(&v);
+            let (kind, power) = match *light {
+                d::Light::Infinite { .. } => continue,
+                d::Light::Point { intensity, position } => {
+                    put(0, intensity);
+                    put(5, position.as_vec3().into());
+                    (kind::POINT, luminance(intensity) * 4.0 * std::f64::consts::PI)
+                }
+                d::Light::Spot { intensity, position, direction, cos_falloff_start, cos_total_width } => {
+                    put(0, intensity);
+                    put(5, position.as_vec3().into());
+                    put(8, direction.as_vec3().into());
+                    row[11] = cos_falloff_start as f32;
+                    row[12] = cos_total_width as f32;
+                    let cap = 1.0 - 0.5 * (cos_falloff_start + cos_total_width);
+                    (kind::SPOT, luminance(intensity) * 2.0 * std::f64::consts::PI * cap)
+                }
+                d::Light::Distant { radiance, direction } => {
+                    put(0, radiance);
+                    put(5, (-direction).as_vec3().into());
+                    (kind::DISTANT, luminance(radiance) * std::f64::consts::PI * radius * radius)
+                }
+            };
+            if row[..3] != [0.0; 3] {
+                self.lights.push(kind, row, 0);
+                self.powers.push(power);
+            }
+        }
+    }
+}
+
+/// World-space area of a clipped or stretched sphere or disk, by the midpoint rule: for `power` and for choosing
+/// lights, where a thousandth does not matter.
+fn surface_area(geometry: &d::Geometry) -> f64 {
+    const N: usize = 256;
+    let sum = |world: &DAffine3, phi_max: f64, point: &dyn Fn(f64, f64) -> DVec3| {
+        let phi_max = phi_max.to_radians();
+        let corner = |i: usize, j: usize| {
+            world.transform_point3(point(i as f64 / N as f64, phi_max * j as f64 / N as f64))
+        };
+        let mut area = 0.0;
+        for i in 0..N {
+            for j in 0..N {
+                let (a, b, c, d) = (corner(i, j), corner(i + 1, j), corner(i, j + 1), corner(i + 1, j + 1));
+                area += 0.5 * (d - a).cross(c - b).length();
+            }
+        }
+        area
+    };
+    match *geometry {
+        d::Geometry::Sphere { world_from_object, radius, z_min, z_max, phi_max } => {
+            sum(&world_from_object, phi_max, &|u, phi| {
+                let (low, high) = ((z_min / radius).clamp(-1.0, 1.0).acos(), (z_max / radius).clamp(-1.0, 1.0).acos());
+                let theta = low + u * (high - low);
+                radius * DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
+            })
+        }
+        d::Geometry::Disk { world_from_object, height, radius, inner_radius, phi_max } => {
+            sum(&world_from_object, phi_max, &|u, phi| {
+                let r = inner_radius + u * (radius - inner_radius);
+                DVec3::new(r * phi.cos(), r * phi.sin(), height)
+            })
+        }
+        d::Geometry::Mesh(_) => unreachable!("meshes know the area of their triangles"),
+    }
+}
+
+/// Radius of a sphere around the bounding box of all primitives, at least a little above 0.
+fn scene_radius(geometry: &Geometry) -> f64 {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for p in 0..geometry.primitives() as u32 {
+        let (a, b) = wavepath_kernels::intersect::bounds(geometry, p);
+        low = low.min(DVec3::from(a.map(f64::from)));
+        high = high.max(DVec3::from(b.map(f64::from)));
+    }
+    if low.x <= high.x { (0.5 * (high - low).length()).max(1e-30) } else { 1.0 }
+}
