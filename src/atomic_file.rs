@@ -35,9 +35,7 @@ pub fn write_whole<E: From<io::Error>>(
     let (temporary, file) = Temporary::beside(path)?;
     let mut writer = BufWriter::with_capacity(1 << 16, file);
     encode(&mut writer)?;
-    let file = writer
-        .into_inner()
-        .map_err(io::IntoInnerError::into_error)?;
+    let file = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
     file.sync_all()?;
     drop(file);
     Ok(temporary.rename_to(path)?)
@@ -78,9 +76,7 @@ impl Temporary {
     /// Creates an empty file with a name of its own in the folder of `target`.
     fn beside(target: &Path) -> io::Result<(Self, File)> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
-        let name = target
-            .file_name()
-            .ok_or_else(|| describe(target, "names no file"))?;
+        let name = target.file_name().ok_or_else(|| describe(target, "names no file"))?;
         loop {
             let mut hidden = OsString::from(".");
             hidden.push(name);
@@ -89,13 +85,7 @@ impl Temporary {
             let path = folder_of(target).join(hidden);
             match OpenOptions::new().write(true).create_new(true).open(&path) {
                 Ok(file) => {
-                    return Ok((
-                        Self {
-                            path,
-                            renamed: false,
-                        },
-                        file,
-                    ));
+                    return Ok((Self { path, renamed: false }, file));
                 }
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
@@ -152,9 +142,7 @@ impl TestFolder {
 
     pub(crate) fn names(&self) -> Vec<String> {
         let entries = fs::read_dir(&self.0).unwrap();
-        entries
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .collect()
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
     }
 }
 
@@ -198,9 +186,7 @@ mod tests {
         let folder = TestFolder::new("atomic-check");
         check_writable(&folder.file("new.exr")).unwrap();
         assert!(folder.names().is_empty());
-        let error = check_writable(&folder.file("none/new.exr"))
-            .unwrap_err()
-            .to_string();
+        let error = check_writable(&folder.file("none/new.exr")).unwrap_err().to_string();
         assert!(error.contains("none does not exist"), "{error}");
         let error = check_writable(&folder.file("")).unwrap_err().to_string();
         assert!(error.contains("folder"), "{error}");

@@ -42,9 +42,7 @@ mod tests {
 
     #[test]
     fn luminance_grows_all_the_way() {
-        let steps: Vec<f32> = (0..=256)
-            .map(|i| luminance(heat(i as f32 / 256.0)))
-            .collect();
+        let steps: Vec<f32> = (0..=256).map(|i| luminance(heat(i as f32 / 256.0))).collect();
         assert!(steps.windows(2).all(|pair| pair[0] < pair[1]));
         assert_eq!(heat(0.0), [0.0; 3]);
         assert!(steps[256] > 0.85);
@@ -54,10 +52,7 @@ mod tests {
     fn the_map_stays_in_the_gamut() {
         for i in 0..=256 {
             let colour = oklab_to_linear(heat_oklab(i as f32 / 256.0));
-            assert!(
-                colour.iter().all(|c| (-0.01..=1.01).contains(c)),
-                "{i}: {colour:?}"
-            );
+            assert!(colour.iter().all(|c| (-0.01..=1.01).contains(c)), "{i}: {colour:?}");
         }
     }
 

@@ -88,11 +88,7 @@ impl fmt::Display for Extent {
         write!(f, "{} x {}", self.size.0, self.size.1)?;
         if self.size != self.frame || self.corner != (0, 0) {
             let (corner, frame) = (self.corner, self.frame);
-            write!(
-                f,
-                " (at {}, {} of {} x {})",
-                corner.0, corner.1, frame.0, frame.1
-            )?;
+            write!(f, " (at {}, {} of {} x {})", corner.0, corner.1, frame.0, frame.1)?;
         }
         Ok(())
     }
@@ -106,9 +102,7 @@ impl fmt::Display for Extent {
 /// # Errors
 /// [`SizeMismatch`] if neither is possible.
 pub fn compare(image: &Image, reference: &Image) -> Result<Comparison, SizeMismatch> {
-    with_aligned(image, reference, |reference| {
-        Sums::of(image, reference).comparison()
-    })
+    with_aligned(image, reference, |reference| Sums::of(image, reference).comparison())
 }
 
 /// The squared error relative to the reference, `(I - R)^2 / (R^2 + 0.01)`, averaged over the
@@ -119,15 +113,9 @@ pub fn compare(image: &Image, reference: &Image) -> Result<Comparison, SizeMisma
 pub fn relative_error_map(image: &Image, reference: &Image) -> Result<Vec<f32>, SizeMismatch> {
     with_aligned(image, reference, |reference| {
         let error = |(i, r)| {
-            if is_valid(i, r) {
-                relative_error(i, r) / 3.0
-            } else {
-                f64::NAN
-            }
+            if is_valid(i, r) { relative_error(i, r) / 3.0 } else { f64::NAN }
         };
-        pairs(image, reference)
-            .map(|pair| error(pair) as f32)
-            .collect()
+        pairs(image, reference).map(|pair| error(pair) as f32).collect()
     })
 }
 
@@ -192,22 +180,12 @@ fn with_aligned<T>(
     }
     match reference.crop(image.window, image.width, image.height) {
         Some(part) => Ok(measure(&part)),
-        None => Err(SizeMismatch {
-            image: Extent::of(image),
-            reference: Extent::of(reference),
-        }),
+        None => Err(SizeMismatch { image: Extent::of(image), reference: Extent::of(reference) }),
     }
 }
 
-fn pairs<'a>(
-    image: &'a Image,
-    reference: &'a Image,
-) -> impl Iterator<Item = ([f64; 3], [f64; 3])> + 'a {
-    image
-        .pixels
-        .iter()
-        .zip(&reference.pixels)
-        .map(|(&i, &r)| (wide(i), wide(r)))
+fn pairs<'a>(image: &'a Image, reference: &'a Image) -> impl Iterator<Item = ([f64; 3], [f64; 3])> + 'a {
+    image.pixels.iter().zip(&reference.pixels).map(|(&i, &r)| (wide(i), wide(r)))
 }
 
 fn wide(colour: [f32; 3]) -> [f64; 3] {
@@ -215,16 +193,12 @@ fn wide(colour: [f32; 3]) -> [f64; 3] {
 }
 
 fn is_valid(i: [f64; 3], r: [f64; 3]) -> bool {
-    i.iter()
-        .chain(&r)
-        .all(|value| value.is_finite() && *value >= 0.0)
+    i.iter().chain(&r).all(|value| value.is_finite() && *value >= 0.0)
 }
 
 /// `(I - R)^2 / (R^2 + 0.01)`, summed over the channels.
 fn relative_error(i: [f64; 3], r: [f64; 3]) -> f64 {
-    (0..3)
-        .map(|c| (i[c] - r[c]).powi(2) / (r[c] * r[c] + EPSILON))
-        .sum()
+    (0..3).map(|c| (i[c] - r[c]).powi(2) / (r[c] * r[c] + EPSILON)).sum()
 }
 
 /// What one pass over the pixels collects.
@@ -243,10 +217,7 @@ struct Sums {
 impl Sums {
     fn of(image: &Image, reference: &Image) -> Self {
         let relative = Vec::with_capacity(image.pixels.len());
-        let mut sums = Self {
-            relative,
-            ..Self::default()
-        };
+        let mut sums = Self { relative, ..Self::default() };
         for (i, r) in pairs(image, reference) {
             if is_valid(i, r) {
                 sums.add(i, r);
@@ -326,10 +297,7 @@ mod tests {
     use crate::picture::DataWindow;
 
     fn close(value: f64, expected: f64) {
-        assert!(
-            (value - expected).abs() <= 1e-12 * expected.abs().max(1.0),
-            "{value} {expected}"
-        );
+        assert!((value - expected).abs() <= 1e-12 * expected.abs().max(1.0), "{value} {expected}");
     }
 
     #[test]
@@ -340,10 +308,7 @@ mod tests {
         // Differences: 0, 0.5, 0; 1, 0, 1.
         close(result.mse, (0.25 + 1.0 + 1.0) / 6.0);
         close(result.rmse, 0.375_f64.sqrt());
-        close(
-            result.relmse,
-            (0.25 / 1.01 + 1.0 / 1.01 + 1.0 / 16.01) / 6.0,
-        );
+        close(result.relmse, (0.25 / 1.01 + 1.0 / 1.01 + 1.0 / 16.01) / 6.0);
         close(result.relmse_trimmed, result.relmse);
         close(result.mape, (0.5 / 1.01 + 1.0 / 1.01 + 1.0 / 4.01) / 6.0);
         close(result.smape, (1.0 / 1.51 + 2.0 / 3.01 + 2.0 / 7.01) / 6.0);
@@ -397,19 +362,13 @@ mod tests {
         image.pixels[3] = [9.0; 3];
         let result = compare(&image, &reference).unwrap();
         let (usual, third) = (3.0 * 0.25 / 1.01, 3.0 * 64.0 / 1.01);
-        close(
-            result.relmse_trimmed,
-            (1997.0 * usual + third) / (3.0 * 1998.0),
-        );
+        close(result.relmse_trimmed, (1997.0 * usual + third) / (3.0 * 1998.0));
         assert!(result.relmse > 100.0);
     }
 
     #[test]
     fn sizes_must_agree() {
-        let error = compare(
-            &Image::new(2, 1, vec![[0.0; 3]; 2]),
-            &Image::new(1, 2, vec![[0.0; 3]; 2]),
-        );
+        let error = compare(&Image::new(2, 1, vec![[0.0; 3]; 2]), &Image::new(1, 2, vec![[0.0; 3]; 2]));
         let message = error.unwrap_err().to_string();
         assert_eq!(message, "the image has 2 x 1 pixels, the reference 1 x 2");
     }
@@ -417,30 +376,17 @@ mod tests {
     #[test]
     fn a_crop_is_compared_with_its_part_of_the_reference() {
         let reference = Image::new(4, 4, (0..16).map(|i| [i as f32; 3]).collect());
-        let window = DataWindow {
-            x: 2,
-            y: 1,
-            ..reference.window
-        };
+        let window = DataWindow { x: 2, y: 1, ..reference.window };
         let crop = reference.crop(window, 2, 3).unwrap();
         assert_eq!(compare(&crop, &reference).unwrap().mse, 0.0);
-        assert!(
-            compare(&reference, &crop)
-                .unwrap_err()
-                .to_string()
-                .contains("at 2, 1 of 4 x 4")
-        );
+        assert!(compare(&reference, &crop).unwrap_err().to_string().contains("at 2, 1 of 4 x 4"));
     }
 
     #[test]
     fn blocks_average_noise_away() {
         // A checkerboard of 0.5 and 1.5 averages to the reference in every even block.
         let checker = |i: usize| {
-            if (i % 5 + i / 5).is_multiple_of(2) {
-                0.5
-            } else {
-                1.5
-            }
+            if (i % 5 + i / 5).is_multiple_of(2) { 0.5 } else { 1.5 }
         };
         let image = Image::new(5, 4, (0..20).map(|i| [checker(i); 3]).collect());
         let reference = Image::new(5, 4, vec![[1.0; 3]; 20]);

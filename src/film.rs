@@ -319,8 +319,9 @@ mod tests {
     #[test]
     fn sums_do_not_depend_on_their_order() {
         let quantum = Quantum::for_brightest(10.0);
-        let samples: Vec<[f32; 3]> =
-            (0..1000).map(|k| [(k as f32 * 0.37).sin().abs() * 1e3, 1.0 / (k + 1) as f32, k as f32]).collect();
+        let samples: Vec<[f32; 3]> = (0..1000)
+            .map(|k| [(k as f32 * 0.37).sin().abs() * 1e3, 1.0 / (k + 1) as f32, k as f32])
+            .collect();
         let sum = |order: &mut dyn Iterator<Item = &[f32; 3]>| {
             let mut sums = BlockSums::new(1, Requirements::default());
             order.for_each(|s| sums.add(quantum, 0, *s, None));

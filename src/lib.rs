@@ -1,4 +1,17 @@
 //! wavepath: a data-oriented wavefront path tracer for the CPU.
+//!
+//! | module | what it does |
+//! |---|---|
+//! | [`pbrt`] | reads scenes in pbrt's format |
+//! | [`scene`] | describes a scene apart from any format, and turns it into the tables of the kernels |
+//! | [`plan`] | decides once what the scene needs |
+//! | [`engine`] | executes paths: the wavefront, and the naive megakernel |
+//! | [`film`] | sums samples exactly, in any order |
+//! | [`picture`], [`report`], [`compare`] | image files, the record of a render, error measures |
+//! | [`meshes`] | makes meshes by procedure |
+//! | [`cli`] | the command |
+//!
+//! Queues, kernels and physics are in the crate `wavepath-kernels`.
 #![deny(missing_docs)]
 
 pub mod atomic_file;
@@ -11,6 +24,7 @@ pub mod film;
 pub mod interrupt;
 pub mod machine;
 pub mod meshes;
+pub mod pbrt;
 pub mod picture;
 pub mod plan;
 pub mod progress;

@@ -4,9 +4,7 @@ use std::fs;
 
 /// Name of the processor: its brand string where the system tells it, else the architecture.
 pub fn cpu_name() -> String {
-    brand_from_cpuid()
-        .or_else(brand_from_proc)
-        .unwrap_or_else(|| std::env::consts::ARCH.into())
+    brand_from_cpuid().or_else(brand_from_proc).unwrap_or_else(|| std::env::consts::ARCH.into())
 }
 
 /// Most memory that this process has had resident so far, in bytes; `None` where only Linux tells.
@@ -16,9 +14,7 @@ pub fn peak_memory_bytes() -> Option<u64> {
 
 /// The line `VmHWM:   123456 kB` of `/proc/self/status`, in bytes.
 fn peak_from_status(status: &str) -> Option<u64> {
-    let line = status
-        .lines()
-        .find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     kibibytes.checked_mul(1024)
 }
@@ -65,18 +61,12 @@ mod tests {
     #[test]
     fn the_processor_has_a_printable_name() {
         let name = cpu_name();
-        assert!(
-            !name.is_empty() && !name.contains('\0') && name.trim() == name,
-            "{name:?}"
-        );
+        assert!(!name.is_empty() && !name.contains('\0') && name.trim() == name, "{name:?}");
     }
 
     #[test]
     fn padding_is_removed() {
-        assert_eq!(
-            tidy("  Intel(R)  Xeon(R) \0\0x").as_deref(),
-            Some("Intel(R) Xeon(R)")
-        );
+        assert_eq!(tidy("  Intel(R)  Xeon(R) \0\0x").as_deref(), Some("Intel(R) Xeon(R)"));
         assert_eq!(tidy(" \0"), None);
     }
 

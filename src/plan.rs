@@ -150,11 +150,28 @@ impl Plan {
         let camera = &scene.camera;
         let mut parts = vec![
             part("generate", true, "camera rays".into()),
-            part("generate: lens", camera.lens.is_some(), (if camera.lens.is_some() { "the lens has a radius" } else { "pinhole camera" }).into()),
-            part("generate: filter weights", self.requirements.filter_weights, (if self.requirements.filter_weights { "the filter has negative lobes" } else { "the filter is nowhere negative" }).into()),
+            part(
+                "generate: lens",
+                camera.lens.is_some(),
+                (if camera.lens.is_some() { "the lens has a radius" } else { "pinhole camera" }).into(),
+            ),
+            part(
+                "generate: filter weights",
+                self.requirements.filter_weights,
+                (if self.requirements.filter_weights {
+                    "the filter has negative lobes"
+                } else {
+                    "the filter is nowhere negative"
+                })
+                .into(),
+            ),
             part("intersect: triangles", p.triangles > 0, counted(p.triangles, "triangles")),
             part("intersect: spheres", p.spheres > 0, counted(p.spheres, "spheres")),
-            part("intersect: quadrics", p.quadrics > 0, counted(p.quadrics, "disks, clipped or stretched spheres")),
+            part(
+                "intersect: quadrics",
+                p.quadrics > 0,
+                counted(p.quadrics, "disks, clipped or stretched spheres"),
+            ),
             part("material_sort", true, format!("{} lists", self.shade_kernels.len() + 2)),
         ];
         for class in MaterialClass::ALL.into_iter().filter(|&c| c != MaterialClass::Absorber) {

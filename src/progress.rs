@@ -25,29 +25,15 @@ impl Progress {
     /// with neither, the bar shows no fraction.
     pub fn new(total_samples: Option<u64>, time_limit: Option<Duration>, quiet: bool) -> Self {
         let visible = !quiet && io::stderr().is_terminal();
-        let target = if visible {
-            ProgressDrawTarget::stderr_with_hz(10)
-        } else {
-            ProgressDrawTarget::hidden()
-        };
-        let goal = Goal {
-            total_samples,
-            time_limit,
-        };
+        let target =
+            if visible { ProgressDrawTarget::stderr_with_hz(10) } else { ProgressDrawTarget::hidden() };
+        let goal = Goal { total_samples, time_limit };
         let bounded = total_samples.is_some() || time_limit.is_some();
-        let template = if bounded {
-            "[{bar:30}] {msg}"
-        } else {
-            "{spinner} {msg}"
-        };
+        let template = if bounded { "[{bar:30}] {msg}" } else { "{spinner} {msg}" };
         let style = ProgressStyle::with_template(template).expect("the template is valid");
         let bar = ProgressBar::with_draw_target(bounded.then_some(STEPS), target);
         bar.set_style(style.progress_chars("=> "));
-        Self {
-            bar,
-            goal,
-            start: Instant::now(),
-        }
+        Self { bar, goal, start: Instant::now() }
     }
 
     /// Shows the state: samples and rays so far, and the estimated relMSE if it is known.
@@ -57,8 +43,7 @@ impl Progress {
         }
         let elapsed = self.start.elapsed();
         let fraction = self.goal.fraction(samples, elapsed);
-        self.bar
-            .set_message(message(&self.goal, samples, rays, error, elapsed));
+        self.bar.set_message(message(&self.goal, samples, rays, error, elapsed));
         match fraction {
             Some(fraction) => self.bar.set_position((fraction * STEPS as f64) as u64),
             None => self.bar.tick(),
@@ -84,12 +69,8 @@ struct Goal {
 impl Goal {
     /// Share of the work that is done, from 0 to 1, if an end is known.
     fn fraction(&self, samples: u64, elapsed: Duration) -> Option<f64> {
-        let by_samples = self
-            .total_samples
-            .map(|total| samples as f64 / total.max(1) as f64);
-        let by_time = self
-            .time_limit
-            .map(|limit| elapsed.as_secs_f64() / limit.as_secs_f64());
+        let by_samples = self.total_samples.map(|total| samples as f64 / total.max(1) as f64);
+        let by_time = self.time_limit.map(|limit| elapsed.as_secs_f64() / limit.as_secs_f64());
         let further = match (by_samples, by_time) {
             (Some(samples), Some(time)) => samples.max(time),
             (samples, time) => samples.or(time)?,
@@ -99,13 +80,10 @@ impl Goal {
 
     /// Time to the end at the present speed, once it can be guessed.
     fn time_left(&self, samples: u64, elapsed: Duration) -> Option<Duration> {
-        let by_samples = self
-            .total_samples
-            .filter(|_| samples > 0)
-            .and_then(|total| {
-                let missing = total.saturating_sub(samples) as f64 / samples as f64;
-                Duration::try_from_secs_f64(elapsed.as_secs_f64() * missing).ok()
-            });
+        let by_samples = self.total_samples.filter(|_| samples > 0).and_then(|total| {
+            let missing = total.saturating_sub(samples) as f64 / samples as f64;
+            Duration::try_from_secs_f64(elapsed.as_secs_f64() * missing).ok()
+        });
         let by_time = self.time_limit.map(|limit| limit.saturating_sub(elapsed));
         by_samples.into_iter().chain(by_time).min()
     }
@@ -148,10 +126,7 @@ mod tests {
 
     #[test]
     fn the_nearer_end_counts() {
-        let goal = Goal {
-            total_samples: Some(1000),
-            time_limit: Some(10 * SECOND),
-        };
+        let goal = Goal { total_samples: Some(1000), time_limit: Some(10 * SECOND) };
         assert_eq!(goal.fraction(200, 5 * SECOND), Some(0.5));
         assert_eq!(goal.time_left(200, 5 * SECOND), Some(5 * SECOND));
         assert_eq!(goal.fraction(800, 4 * SECOND), Some(0.8));
@@ -162,10 +137,7 @@ mod tests {
 
     #[test]
     fn without_an_end_nothing_is_promised() {
-        let goal = Goal {
-            total_samples: None,
-            time_limit: None,
-        };
+        let goal = Goal { total_samples: None, time_limit: None };
         assert_eq!(goal.fraction(5, SECOND), None);
         assert_eq!(goal.time_left(5, SECOND), None);
         let text = message(&goal, 2_000_000, 30_000_000, Some(0.0125), 3 * SECOND);
@@ -174,10 +146,7 @@ mod tests {
 
     #[test]
     fn nothing_is_guessed_before_the_first_sample() {
-        let goal = Goal {
-            total_samples: Some(100),
-            time_limit: None,
-        };
+        let goal = Goal { total_samples: Some(100), time_limit: None };
         assert_eq!(message(&goal, 0, 0, None, Duration::ZERO), "0 %, 0 samples");
     }
 

@@ -91,10 +91,7 @@ impl Report {
     pub fn stage_shares(&self) -> Vec<(&str, f64)> {
         let total: f64 = self.stages.iter().map(|(_, seconds)| seconds).sum();
         let share = |seconds: f64| if total > 0.0 { seconds / total } else { 0.0 };
-        self.stages
-            .iter()
-            .map(|(name, seconds)| (name.as_str(), share(*seconds)))
-            .collect()
+        self.stages.iter().map(|(name, seconds)| (name.as_str(), share(*seconds))).collect()
     }
 
     /// The report as one JSON object, on one line.
@@ -117,62 +114,28 @@ impl Report {
     }
 
     fn per_second(&self, count: u64) -> f64 {
-        if self.seconds > 0.0 {
-            count as f64 / self.seconds
-        } else {
-            0.0
-        }
+        if self.seconds > 0.0 { count as f64 / self.seconds } else { 0.0 }
     }
 }
 
 /// A table for the terminal, several lines without a last line break.
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let batch = self
-            .batch
-            .map(|batch| format!(", batch {batch}"))
-            .unwrap_or_default();
+        let batch = self.batch.map(|batch| format!(", batch {batch}")).unwrap_or_default();
         let plural = if self.threads == 1 { "" } else { "s" };
-        let Self {
-            width,
-            height,
-            spp,
-            sampler,
-            seed,
-            engine,
-            threads,
-            isa,
-            cpu,
-            ..
-        } = self;
+        let Self { width, height, spp, sampler, seed, engine, threads, isa, cpu, .. } = self;
         row(f, "scene", &self.scene)?;
-        row(
-            f,
-            "image",
-            format_args!("{width} x {height}, {spp} spp, {sampler}, seed {seed}"),
-        )?;
-        row(
-            f,
-            "engine",
-            format_args!("{engine}, {threads} thread{plural}{batch}, {isa}"),
-        )?;
+        row(f, "image", format_args!("{width} x {height}, {spp} spp, {sampler}, seed {seed}"))?;
+        row(f, "engine", format_args!("{engine}, {threads} thread{plural}{batch}, {isa}"))?;
         row(f, "processor", cpu)?;
         let (seconds, setup) = (seconds(self.seconds), seconds(self.setup_seconds));
-        row(
-            f,
-            "time",
-            format_args!("{seconds} rendering, {setup} setup"),
-        )?;
+        row(f, "time", format_args!("{seconds} rendering, {setup} setup"))?;
         self.fmt_rates(f)?;
         for (index, (name, share)) in self.stage_shares().into_iter().enumerate() {
             let spent = self.stages[index].1;
             let label = if index == 0 { "stages" } else { "" };
             let share = 100.0 * share;
-            row(
-                f,
-                label,
-                format_args!("{name:<18} {share:>5.1} %  {spent:>9.3} s"),
-            )?;
+            row(f, label, format_args!("{name:<18} {share:>5.1} %  {spent:>9.3} s"))?;
         }
         match self.estimated_relmse {
             Some(error) => row(f, "relMSE", format_args!("{error:.3e} (estimated)"))?,
@@ -196,11 +159,7 @@ impl Report {
         for (label, class, number) in classes {
             let rate = self.per_second(number) / 1e6;
             let number = count(number);
-            row(
-                f,
-                label,
-                format_args!("{class:<8} {number:>10}  {rate:>9.3} M/s"),
-            )?;
+            row(f, label, format_args!("{class:<8} {number:>10}  {rate:>9.3} M/s"))?;
         }
         Ok(())
     }
@@ -222,11 +181,7 @@ pub(crate) fn count(number: u64) -> String {
 }
 
 fn seconds(value: f64) -> String {
-    if value < 1.0 {
-        format!("{:.1} ms", 1e3 * value)
-    } else {
-        format!("{value:.2} s")
-    }
+    if value < 1.0 { format!("{:.1} ms", 1e3 * value) } else { format!("{value:.2} s") }
 }
 
 fn mebibytes(bytes: u64) -> String {
@@ -249,16 +204,11 @@ mod ordered_map {
     use serde::de::{MapAccess, Visitor};
     use serde::{Deserializer, Serializer};
 
-    pub fn serialize<S: Serializer>(
-        entries: &[(String, f64)],
-        serializer: S,
-    ) -> Result<S::Ok, S::Error> {
+    pub fn serialize<S: Serializer>(entries: &[(String, f64)], serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_map(entries.iter().map(|(name, value)| (name, value)))
     }
 
-    pub fn deserialize<'de, D: Deserializer<'de>>(
-        deserializer: D,
-    ) -> Result<Vec<(String, f64)>, D::Error> {
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<(String, f64)>, D::Error> {
         struct Entries;
         impl<'de> Visitor<'de> for Entries {
             type Value = Vec<(String, f64)>;
@@ -294,11 +244,7 @@ mod tests {
             seconds: 2.0,
             setup_seconds: 0.25,
             samples: 19_660_800,
-            rays: Rays {
-                camera: 19_660_800,
-                bounce: 60_000_000,
-                shadow: 40_339_200,
-            },
+            rays: Rays { camera: 19_660_800, bounce: 60_000_000, shadow: 40_339_200 },
             stages: vec![("generate".into(), 1.0), ("a_later_one".into(), 3.0)],
             invalid_samples: 0,
             estimated_relmse: Some(1.25e-3),
@@ -318,19 +264,9 @@ mod tests {
         let report = example();
         assert_eq!(report.samples_per_second(), 9_830_400.0);
         assert_eq!(report.mrays_per_second(), 60.0);
-        assert_eq!(
-            report.stage_shares(),
-            [("generate", 0.25), ("a_later_one", 0.75)]
-        );
-        let idle = Report {
-            seconds: 0.0,
-            stages: vec![],
-            ..report
-        };
-        assert_eq!(
-            (idle.samples_per_second(), idle.mrays_per_second()),
-            (0.0, 0.0)
-        );
+        assert_eq!(report.stage_shares(), [("generate", 0.25), ("a_later_one", 0.75)]);
+        let idle = Report { seconds: 0.0, stages: vec![], ..report };
+        assert_eq!((idle.samples_per_second(), idle.mrays_per_second()), (0.0, 0.0));
     }
 
     #[test]
@@ -338,16 +274,9 @@ mod tests {
         let report = example();
         let json = report.to_json();
         assert!(json.contains(r#""spp":64,"#), "{json}");
-        assert!(
-            json.contains(r#""stages":{"generate":1.0,"a_later_one":3.0}"#),
-            "{json}"
-        );
+        assert!(json.contains(r#""stages":{"generate":1.0,"a_later_one":3.0}"#), "{json}");
         assert_eq!(serde_json::from_str::<Report>(&json).unwrap(), report);
-        let adaptive = Report {
-            spp: 12.5,
-            estimated_relmse: None,
-            ..report
-        };
+        let adaptive = Report { spp: 12.5, estimated_relmse: None, ..report };
         let json = adaptive.to_json();
         assert!(json.contains(r#""spp":12.5,"#) && json.contains(r#""estimated_relmse":null"#));
         assert_eq!(serde_json::from_str::<Report>(&json).unwrap(), adaptive);
@@ -393,14 +322,7 @@ mod tests {
     #[test]
     fn the_table_shows_rates_shares_and_error() {
         let table = example().to_string();
-        for part in [
-            "640 x 480, 64 spp",
-            "9.830 M/s",
-            "60.000 M/s",
-            "75.0 %",
-            "1.250e-3",
-            "10.0 MiB",
-        ] {
+        for part in ["640 x 480, 64 spp", "9.830 M/s", "60.000 M/s", "75.0 %", "1.250e-3", "10.0 MiB"] {
             assert!(table.contains(part), "{part} is missing in\n{table}");
         }
         let width = table.lines().map(str::len).max().unwrap();

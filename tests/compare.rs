@@ -47,13 +47,7 @@ impl Drop for Folder {
 
 fn compare(image: &Path, reference: &Path, options: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_wavepath"));
-    command
-        .arg("compare")
-        .arg(image)
-        .arg(reference)
-        .args(options)
-        .output()
-        .unwrap()
+    command.arg("compare").arg(image).arg(reference).args(options).output().unwrap()
 }
 
 fn stdout(output: &Output) -> &str {
@@ -66,10 +60,7 @@ fn assert_refused(image: &Path, reference: &Path, expected: &str) {
     let output = compare(image, reference, &["--json"]);
     let message = String::from_utf8(output.stderr.clone()).unwrap();
     assert_eq!(output.status.code(), Some(2), "{message}");
-    assert!(
-        message.starts_with("error: ") && !message.contains("panicked"),
-        "{message}"
-    );
+    assert!(message.starts_with("error: ") && !message.contains("panicked"), "{message}");
     assert!(message.contains(image.to_str().unwrap()), "{message}");
     assert!(message.contains(expected), "{message}");
     assert!(output.stdout.is_empty());
@@ -85,10 +76,7 @@ fn json_has_the_fixed_keys_and_values() {
     assert_eq!(output.status.code(), Some(0));
     let json: serde_json::Value = serde_json::from_str(stdout(&output)).unwrap();
     let near = |value: &serde_json::Value, expected: f64| {
-        assert!(
-            (value.as_f64().unwrap() - expected).abs() < 1e-12,
-            "{value} {expected}"
-        );
+        assert!((value.as_f64().unwrap() - expected).abs() < 1e-12, "{value} {expected}");
     };
     let relmse = (1.0 / 1.01 + 1.0 / 4.01) / 3.0;
     near(&json["mse"], 2.0 / 3.0);
@@ -113,31 +101,15 @@ fn the_table_is_for_people() {
     let output = compare(&image, &image, &[]);
     assert_eq!(output.status.code(), Some(0));
     let table = stdout(&output);
-    assert!(
-        table.contains("relMSE") && table.contains("invalid pixels    1"),
-        "{table}"
-    );
+    assert!(table.contains("relMSE") && table.contains("invalid pixels    1"), "{table}");
 }
 
 #[test]
 fn a_crop_is_judged_against_the_full_reference() {
     let folder = Folder::new("crop");
     let full = Image::new(8, 8, (0..64).map(|i| [i as f32; 3]).collect());
-    let crop = full
-        .crop(
-            DataWindow {
-                x: 3,
-                y: 5,
-                ..full.window
-            },
-            4,
-            2,
-        )
-        .unwrap();
-    let (crop, full) = (
-        folder.image("crop.exr", &crop),
-        folder.image("full.exr", &full),
-    );
+    let crop = full.crop(DataWindow { x: 3, y: 5, ..full.window }, 4, 2).unwrap();
+    let (crop, full) = (folder.image("crop.exr", &crop), folder.image("full.exr", &full));
     let output = compare(&crop, &full, &["--json"]);
     assert!(stdout(&output).contains("\"mse\":0.0"), "{output:?}");
 }
@@ -179,11 +151,7 @@ fn different_sizes_are_refused() {
     let folder = Folder::new("sizes");
     let image = folder.plain("image.exr", 4, 2, [1.0; 3]);
     let reference = folder.plain("reference.exr", 2, 4, [1.0; 3]);
-    assert_refused(
-        &image,
-        &reference,
-        "the image has 4 x 2 pixels, the reference 2 x 4",
-    );
+    assert_refused(&image, &reference, "the image has 4 x 2 pixels, the reference 2 x 4");
 }
 
 #[test]
@@ -191,26 +159,16 @@ fn what_is_no_image_is_refused() {
     let folder = Folder::new("no-image");
     let good = folder.plain("good.exr", 4, 4, [1.0; 3]);
     assert_refused(&folder.path("missing.exr"), &good, "No such file");
-    assert_refused(
-        &folder.file("text.exr", b"This is not a picture."),
-        &good,
-        "not an OpenEXR",
-    );
+    assert_refused(&folder.file("text.exr", b"This is not a picture."), &good, "not an OpenEXR");
     assert_refused(&folder.file("empty.exr", b""), &good, "not an OpenEXR");
     assert_refused(&folder.0, &good, "not a regular file");
-    assert_refused(
-        &folder.plain("good.png", 4, 4, [1.0; 3]),
-        &good,
-        "not an OpenEXR",
-    );
+    assert_refused(&folder.plain("good.png", 4, 4, [1.0; 3]), &good, "not an OpenEXR");
 }
 
 #[test]
 fn cut_off_files_are_refused() {
     let folder = Folder::new("cut-off");
-    let pixels = (0..10_000)
-        .map(|i| [i as f32, 0.5, 1.0 / (i + 1) as f32])
-        .collect();
+    let pixels = (0..10_000).map(|i| [i as f32, 0.5, 1.0 / (i + 1) as f32]).collect();
     let good = folder.image("good.exr", &Image::new(100, 100, pixels));
     let bytes = fs::read(&good).unwrap();
     for length in [8, 100, 300, 500, bytes.len() / 2, bytes.len() - 1] {
@@ -226,10 +184,7 @@ fn a_header_that_promises_a_giant_is_refused() {
     let bytes = fs::read(&good).unwrap();
     // `dataWindow`, type `box2i`, 16 bytes: smallest x and y, largest x and y.
     let name = b"dataWindow\0box2i\0";
-    let start = bytes
-        .windows(name.len())
-        .position(|window| window == name)
-        .unwrap();
+    let start = bytes.windows(name.len()).position(|window| window == name).unwrap();
     let start = start + name.len() + 4;
     let windows = [
         [0, 0, i32::MAX - 1, i32::MAX - 1],
@@ -251,16 +206,8 @@ fn a_header_that_promises_a_giant_is_refused() {
 
 #[test]
 fn a_wrong_command_line_has_status_2() {
-    for words in [
-        &["compare"][..],
-        &["compare", "a.exr", "b.exr", "--nothing"],
-        &["paint"],
-        &[],
-    ] {
-        let output = Command::new(env!("CARGO_BIN_EXE_wavepath"))
-            .args(words)
-            .output()
-            .unwrap();
+    for words in [&["compare"][..], &["compare", "a.exr", "b.exr", "--nothing"], &["paint"], &[]] {
+        let output = Command::new(env!("CARGO_BIN_EXE_wavepath")).args(words).output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{words:?}");
         assert!(!output.stderr.is_empty());
     }

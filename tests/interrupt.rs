@@ -30,9 +30,7 @@ fn the_first_raises_the_flag_and_the_second_exits() {
         .unwrap();
     let id = child.id().to_string();
     let interrupt = || Command::new("kill").args(["-INT", &id]).status().unwrap();
-    let mut lines = BufReader::new(child.stdout.take().unwrap())
-        .lines()
-        .map(Result::unwrap);
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map(Result::unwrap);
     assert!(lines.any(|line| line == "ready"));
     interrupt();
     assert!(lines.any(|line| line == "raised"));

@@ -196,10 +196,7 @@ mod tests {
             threads: Some(3),
             seed: Some(9),
             batch: Some(4096),
-            resolution: Some(Resolution {
-                width: 640,
-                height: 480,
-            }),
+            resolution: Some(Resolution { width: 640, height: 480 }),
             exposure: -1.5,
             spherical_lights: SphericalLights::Area,
             report: Some("c.json".into()),
@@ -238,13 +235,7 @@ mod tests {
     #[test]
     fn the_other_subcommands() {
         let plan: PlanArgs = parse("a.pbrt --json").unwrap();
-        assert_eq!(
-            plan,
-            PlanArgs {
-                scene: "a.pbrt".into(),
-                json: true
-            }
-        );
+        assert_eq!(plan, PlanArgs { scene: "a.pbrt".into(), json: true });
         let bench: BenchArgs = parse("a.pbrt b.pbrt").unwrap();
         assert_eq!((bench.scenes.len(), bench.json), (2, false));
         let compare: CompareArgs = parse("a.exr b.exr --map c.png").unwrap();

@@ -18,9 +18,7 @@ pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
     let reference = picture::read(&args.reference)?;
     let comparison = compare(&image, &reference).map_err(|mismatch| {
         let (image, reference) = (args.image.display(), args.reference.display());
-        Failure::Input(format!(
-            "cannot compare \"{image}\" with \"{reference}\": {mismatch}"
-        ))
+        Failure::Input(format!("cannot compare \"{image}\" with \"{reference}\": {mismatch}"))
     })?;
     if let Some(path) = &args.map {
         write_map(path, &image, &relative_error_map(&image, &reference)?)?;
@@ -40,10 +38,7 @@ fn write_map(path: &Path, image: &Image, errors: &[f32]) -> Result<(), Failure> 
         ImageFormat::Png => error_colour,
     };
     let pixels = errors.iter().map(|&error| pixel(error)).collect();
-    let map = Image {
-        window: image.window,
-        ..Image::new(image.width, image.height, pixels)
-    };
+    let map = Image { window: image.window, ..Image::new(image.width, image.height, pixels) };
     Ok(picture::write(path, &map, 0.0)?)
 }
 
@@ -64,11 +59,7 @@ mod tests {
     fn larger_errors_are_brighter() {
         let brightness = |error: f32| error_colour(error).iter().sum::<f32>();
         let errors = [0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0];
-        assert!(
-            errors
-                .windows(2)
-                .all(|pair| brightness(pair[0]) < brightness(pair[1]))
-        );
+        assert!(errors.windows(2).all(|pair| brightness(pair[0]) < brightness(pair[1])));
         assert_eq!(error_colour(1e-9), error_colour(0.0));
         assert_eq!(error_colour(f32::INFINITY), error_colour(1e2));
         assert!(error_colour(f32::NAN)[0].is_nan());

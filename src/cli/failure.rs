@@ -67,9 +67,7 @@ mod tests {
         assert_eq!(Failure::Usage("a".into()).exit_code(), 2);
         assert_eq!(Failure::Input("a".into()).exit_code(), 2);
         assert_eq!(Failure::Work("a".into()).exit_code(), 1);
-        let unknown = ImageError::UnknownFormat {
-            path: "a.jpg".into(),
-        };
+        let unknown = ImageError::UnknownFormat { path: "a.jpg".into() };
         assert_eq!(Failure::from(unknown).exit_code(), 2);
     }
 }

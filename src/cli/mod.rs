@@ -11,6 +11,8 @@ mod compare;
 mod failure;
 pub mod output;
 mod parse;
+mod plan;
+mod render;
 
 use clap::{Parser, Subcommand};
 
@@ -28,6 +30,12 @@ pub struct Cli {
 /// The subcommands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Render a scene and report its cost and its error
+    Render(args::RenderArgs),
+    /// Print what a scene needs, and what is left out
+    Plan(args::PlanArgs),
+    /// Make a mesh by procedure
+    Mesh(crate::meshes::MeshArgs),
     /// Compare an image with a reference and print the error measures
     Compare(args::CompareArgs),
 }
@@ -39,6 +47,15 @@ impl Cli {
     /// [`Failure`], which knows its exit status.
     pub fn run(&self) -> Result<(), Failure> {
         match &self.command {
+            Command::Render(args) => render::run(args),
+            Command::Plan(args) => plan::run(args),
+            Command::Mesh(args) => crate::meshes::run(args).map_err(|error| {
+                if error.is_usage() {
+                    Failure::Usage(error.to_string())
+                } else {
+                    Failure::Work(error.to_string())
+                }
+            }),
             Command::Compare(args) => compare::run(args),
         }
     }

@@ -20,12 +20,8 @@ pub fn check_image(path: &Path) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure::Usage`], as [`check_image`].
 pub fn check_report(path: &Path) -> Result<(), Failure> {
-    atomic_file::check_writable(path).map_err(|error| {
-        Failure::Usage(format!(
-            "cannot write report \"{}\": {error}",
-            path.display()
-        ))
-    })
+    atomic_file::check_writable(path)
+        .map_err(|error| Failure::Usage(format!("cannot write report \"{}\": {error}", path.display())))
 }
 
 /// Writes `report` as JSON to `path`.
@@ -33,12 +29,9 @@ pub fn check_report(path: &Path) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure::Work`], which names the file.
 pub fn write_report(path: &Path, report: &Report) -> Result<(), Failure> {
-    report.write(path).map_err(|error| {
-        Failure::Work(format!(
-            "cannot write report \"{}\": {error}",
-            path.display()
-        ))
-    })
+    report
+        .write(path)
+        .map_err(|error| Failure::Work(format!("cannot write report \"{}\": {error}", path.display())))
 }
 
 #[cfg(test)]

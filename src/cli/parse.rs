@@ -14,9 +14,7 @@ const MAX_SECONDS: f64 = 100.0 * 365.0 * 86_400.0;
 pub fn duration(text: &str) -> Result<Duration, String> {
     let expected = "expected a time such as 30s, 2m, 1.5h or 500ms";
     let text = text.trim();
-    let digits = text
-        .find(|c: char| c.is_ascii_alphabetic())
-        .unwrap_or(text.len());
+    let digits = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
     let (number, unit) = text.split_at(digits);
     let unit = match unit {
         "ms" => 1e-3,
@@ -35,11 +33,7 @@ pub fn duration(text: &str) -> Result<Duration, String> {
         return Err("the time must be at most a hundred years".into());
     }
     let duration = Duration::try_from_secs_f64(seconds).map_err(|_| expected.to_string())?;
-    if duration.is_zero() {
-        Err("the time must be at least 1 ns".into())
-    } else {
-        Ok(duration)
-    }
+    if duration.is_zero() { Err("the time must be at least 1 ns".into()) } else { Ok(duration) }
 }
 
 /// A size in pixels: `640x480`.
@@ -60,16 +54,9 @@ pub fn resolution(text: &str) -> Result<Resolution, String> {
 
 /// A factor of two to a power: exposure in stops.
 pub fn stops(text: &str) -> Result<f32, String> {
-    let stops: f32 = text
-        .trim()
-        .parse()
-        .map_err(|_| "expected a number of stops, such as -1.5")?;
+    let stops: f32 = text.trim().parse().map_err(|_| "expected a number of stops, such as -1.5")?;
     let range = -100.0..=100.0;
-    if range.contains(&stops) {
-        Ok(stops)
-    } else {
-        Err("must be from -100 to 100 stops".into())
-    }
+    if range.contains(&stops) { Ok(stops) } else { Err("must be from -100 to 100 stops".into()) }
 }
 
 /// Samples per pixel.
@@ -153,20 +140,8 @@ mod tests {
 
     #[test]
     fn resolutions() {
-        assert_eq!(
-            resolution("640x480"),
-            Ok(Resolution {
-                width: 640,
-                height: 480
-            })
-        );
-        assert_eq!(
-            resolution("1X65536"),
-            Ok(Resolution {
-                width: 1,
-                height: 65_536
-            })
-        );
+        assert_eq!(resolution("640x480"), Ok(Resolution { width: 640, height: 480 }));
+        assert_eq!(resolution("1X65536"), Ok(Resolution { width: 1, height: 65_536 }));
         for (wrong, message) in [
             ("640", "WIDTHxHEIGHT"),
             ("x480", "WIDTHxHEIGHT"),
@@ -191,10 +166,7 @@ mod tests {
         assert_eq!(seed("18446744073709551615"), Ok(u64::MAX));
         for wrong in ["0", "2147483649", "-1", "+1", "1.5", "", "4k"] {
             let error = spp(wrong).unwrap_err();
-            assert_eq!(
-                error, "expected a whole number from 1 to 2147483648",
-                "{wrong}"
-            );
+            assert_eq!(error, "expected a whole number from 1 to 2147483648", "{wrong}");
         }
         assert!(threads("4097").is_err() && batch("63").is_err() && batch("1048577").is_err());
     }

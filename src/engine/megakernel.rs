@@ -1,14 +1,14 @@
 //! The megakernel: one path at a time, from the camera to its end. The naive baseline that the wavefront is held
 //! against: what a good engineer writes first, never hobbled, never tuned.
 
+use super::Job;
 use super::add_to_film;
 use super::schedule::Unit;
 use super::stats::{Laps, Stage, Stats};
-use super::Job;
 use crate::film::BlockSums;
 use std::marker::PhantomData;
 use wavepath_kernels::generate::{BLOCK_PIXELS, camera_ray};
-use wavepath_kernels::intersect::{Accelerator, TraversalStack};
+use wavepath_kernels::intersect::{Accelerator, Closest, Occluded, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::lanes::{Real, Uint};
 use wavepath_kernels::material_sort::{list, list_of};
@@ -44,7 +44,13 @@ impl<P: Features, A: Accelerator> Kernel for Worker<'_, P, A> {
         let mut sums = BlockSums::new(BLOCK_PIXELS, self.job.plan.requirements);
         while let Some(unit) = self.job.schedule.take() {
             sums.clear();
-            isa.run(Tile::<P, A> { worker: &self, unit: &unit, sums: &mut sums, stack: &mut stack, stats: &mut stats });
+            isa.run(Tile::<P, A> {
+                worker: &self,
+                unit: &unit,
+                sums: &mut sums,
+                stack: &mut stack,
+                stats: &mut stats,
+            });
             add_to_film(self.job, &unit, &sums, &mut stats);
             laps.lap(&mut stats, Stage::Megakernel);
         }
@@ -118,7 +124,8 @@ fn trace<I: Isa, P: Features, A: Accelerator>(
     };
     stats.camera_rays += 1;
     for depth in 0.. {
-        let hit = accelerator.closest(isa, origin.lane(0), direction.lane(0), stack);
+        let hit =
+            isa.run(Closest { accelerator, origin: origin.lane(0), direction: direction.lane(0), stack });
         let (list, emits) = list_of(&scene.geometry.tags, scene.max_depth, hit.primitive, depth);
         if list == list::MISSED {
             add(throughput * Vec3::splat(scene.environment));
@@ -161,9 +168,14 @@ fn trace<I: Isa, P: Features, A: Accelerator>(
         };
         if P::LIGHTS != 0 && next.shadow.valid {
             stats.shadow_rays += 1;
-            let distance = next.shadow.distance.to_array()[0];
-            let (from, to) = (next.shadow.origin.lane(0), next.shadow.direction.lane(0));
-            if !accelerator.occluded(isa, from, to, distance, stack) {
+            let blocked = isa.run(Occluded {
+                accelerator,
+                origin: next.shadow.origin.lane(0),
+                direction: next.shadow.direction.lane(0),
+                distance: next.shadow.distance.to_array()[0],
+                stack,
+            });
+            if !blocked {
                 add(next.shadow.radiance);
             }
         }

@@ -16,9 +16,9 @@ use stats::Stats;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+use wavepath_kernels::intersect::Accelerator;
 use wavepath_kernels::intersect::bvh2::NaiveBvh;
 use wavepath_kernels::intersect::bvh8::Bvh8;
-use wavepath_kernels::intersect::Accelerator;
 use wavepath_kernels::isa::Level;
 use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol};
@@ -168,26 +168,52 @@ fn watched<R: Send>(done: &Done, mut watch: impl FnMut(&Done), work: impl FnOnce
 }
 
 fn with_sampler<S: Sampler>(pool: &rayon::ThreadPool, job: &Job, tree: &Tree, settings: &Settings) -> Stats {
-    match (job.plan.light_kinds, job.plan.requirements.transmission) {
-        (0, false) => run::<Planned<S, 0, false>>(pool, job, tree, settings),
-        (0, true) => run::<Planned<S, 0, true>>(pool, job, tree, settings),
-        (kind::SPHERE, false) => run::<Planned<S, { kind::SPHERE }, false>>(pool, job, tree, settings),
-        (kind::SPHERE, true) => run::<Planned<S, { kind::SPHERE }, true>>(pool, job, tree, settings),
-        (_, false) => run::<Planned<S, { kind::ALL }, false>>(pool, job, tree, settings),
-        (_, true) => run::<Planned<S, { kind::ALL }, true>>(pool, job, tree, settings),
+    let (level, batch) = (settings.level, settings.batch);
+    macro_rules! with_lights {
+        ($run:ident, $transmission:literal) => {
+            match job.plan.light_kinds {
+                0 => $run!(Planned<S, 0, $transmission>),
+                kind::SPHERE => $run!(Planned<S, { kind::SPHERE }, $transmission>),
+                _ => $run!(Planned<S, { kind::ALL }, $transmission>),
+            }
+        };
     }
-}
-
-fn run<P: Features>(pool: &rayon::ThreadPool, job: &Job, tree: &Tree, settings: &Settings) -> Stats {
-    let level = settings.level;
-    let workers = pool.broadcast(|_| match tree {
+    let workers = match tree {
         Tree::Bvh8(accelerator) => {
-            level.run(wavefront::Worker::<P, _> { job, accelerator, batch: settings.batch, features: PhantomData })
+            macro_rules! wavefront {
+                ($features:ty) => {
+                    pool.broadcast(|_| {
+                        level.run(wavefront::Worker::<$features, _> {
+                            job,
+                            accelerator,
+                            batch,
+                            features: PhantomData,
+                        })
+                    })
+                };
+            }
+            if job.plan.requirements.transmission {
+                with_lights!(wavefront, true)
+            } else {
+                with_lights!(wavefront, false)
+            }
         }
         Tree::Naive(accelerator) => {
-            level.run(megakernel::Worker::<P, _> { job, accelerator, features: PhantomData })
+            macro_rules! megakernel {
+                ($features:ty) => {
+                    pool.broadcast(|_| {
+                        level.run(megakernel::Worker::<$features, _> {
+                            job,
+                            accelerator,
+                            features: PhantomData,
+                        })
+                    })
+                };
+            }
+            // Without queues, transmission is one multiplication by 1: not worth a second copy of the engine.
+            with_lights!(megakernel, true)
         }
-    });
+    };
     workers.iter().fold(Stats::default(), |mut sum, worker| {
         sum.merge(worker);
         sum

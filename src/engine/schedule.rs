@@ -156,7 +156,9 @@ mod tests {
     /// Every sample of every replicate once, and all replicates together `spp`.
     #[test]
     fn units_cover_all_samples_once() {
-        for (spp, replicates, time) in [(1, 1, None), (7, 2, None), (64, 4, None), (133, 8, Some(Duration::MAX))] {
+        for (spp, replicates, time) in
+            [(1, 1, None), (7, 2, None), (64, 4, None), (133, 8, Some(Duration::MAX))]
+        {
             let film = film(replicates);
             let schedule = Schedule::new(&film, 2, stop(Some(spp), time));
             let mut seen: HashMap<(usize, u32, u32), u32> = HashMap::new();

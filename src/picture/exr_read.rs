@@ -74,12 +74,8 @@ struct ColourChannels {
 fn choose_channels(headers: &[Header]) -> Result<ColourChannels, String> {
     let mut best: Option<(u32, ColourChannels)> = None;
     for (part, header) in headers.iter().enumerate() {
-        let names: Vec<String> = header
-            .channels
-            .list
-            .iter()
-            .map(|channel| channel.name.to_string())
-            .collect();
+        let names: Vec<String> =
+            header.channels.list.iter().map(|channel| channel.name.to_string()).collect();
         for (rank, channels) in colour_candidates(&names) {
             if best.as_ref().is_none_or(|(best_rank, _)| rank < *best_rank) {
                 best = Some((rank, ColourChannels { part, channels }));
@@ -88,21 +84,10 @@ fn choose_channels(headers: &[Header]) -> Result<ColourChannels, String> {
     }
     let Some((_, source)) = best else {
         let names = headers.iter().flat_map(|header| &header.channels.list);
-        let names: Vec<_> = names
-            .take(16)
-            .map(|channel| channel.name.to_string())
-            .collect();
-        return Err(format!(
-            "it has no channels R, G and B, nor Y, but {}",
-            names.join(", ")
-        ));
+        let names: Vec<_> = names.take(16).map(|channel| channel.name.to_string()).collect();
+        return Err(format!("it has no channels R, G and B, nor Y, but {}", names.join(", ")));
     };
-    if headers[source.part]
-        .channels
-        .list
-        .iter()
-        .any(|channel| channel.sampling != Vec2(1, 1))
-    {
+    if headers[source.part].channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
         return Err("it has subsampled channels, which are not supported".into());
     }
     Ok(source)
@@ -171,9 +156,7 @@ fn read_blocks<R: Read + Seek>(
 ) -> Result<(), String> {
     let wanted = |level: Vec2<usize>| level == Vec2(0, 0);
     let chunks = reader
-        .filter_chunks(false, |_, tile, block| {
-            block.layer == source.part && wanted(tile.level_index)
-        })
+        .filter_chunks(false, |_, tile, block| block.layer == source.part && wanted(tile.level_index))
         .map_err(explain)?;
     let layout = RowLayout::new(header, source);
     let mut seen = HashSet::new();
@@ -188,11 +171,7 @@ fn read_blocks<R: Read + Seek>(
         copy_block(&block, &layout, header.layer_size, pixels)?;
         missing = missing.saturating_sub(block.index.pixel_size.area());
     }
-    if missing > 0 {
-        Err("it is incomplete".into())
-    } else {
-        Ok(())
-    }
+    if missing > 0 { Err("it is incomplete".into()) } else { Ok(()) }
 }
 
 /// Where the three colours lie in a row of a block: all samples of a channel, then the next's.
@@ -206,13 +185,9 @@ impl RowLayout {
     fn new(header: &Header, source: &ColourChannels) -> Self {
         let list = &header.channels.list;
         let bytes = |index: usize| list[index].sample_type.bytes_per_sample();
-        let colours = source
-            .channels
-            .map(|channel| ((0..channel).map(bytes).sum(), list[channel].sample_type));
-        Self {
-            bytes_per_pixel: (0..list.len()).map(bytes).sum(),
-            colours,
-        }
+        let colours =
+            source.channels.map(|channel| ((0..channel).map(bytes).sum(), list[channel].sample_type));
+        Self { bytes_per_pixel: (0..list.len()).map(bytes).sum(), colours }
     }
 }
 
@@ -265,8 +240,7 @@ fn data_window(header: &Header) -> Result<DataWindow, String> {
     let frame = header.shared_attributes.display_window;
     let corner = header.own_attributes.layer_position;
     let offset = |data: i32, frame: i32| {
-        data.checked_sub(frame)
-            .ok_or_else(|| "its data window is out of range".to_string())
+        data.checked_sub(frame).ok_or_else(|| "its data window is out of range".to_string())
     };
     Ok(DataWindow {
         x: offset(corner.x(), frame.position.x())?,

@@ -71,11 +71,7 @@ impl Source<'_> {
         let range = start..start + count;
         match self {
             Self::Colour(pixels, component) => {
-                bytes.extend(
-                    pixels[range]
-                        .iter()
-                        .flat_map(|p| p[*component].to_ne_bytes()),
-                );
+                bytes.extend(pixels[range].iter().flat_map(|p| p[*component].to_ne_bytes()));
             }
             Self::Float(values) => bytes.extend_from_slice(bytemuck::cast_slice(&values[range])),
             Self::Uint(values) => bytes.extend_from_slice(bytemuck::cast_slice(&values[range])),
@@ -85,19 +81,13 @@ impl Source<'_> {
 
 fn planes(image: &Image) -> Vec<Plane<'_>> {
     let colours = ["R", "G", "B"].into_iter().enumerate();
-    let colours = colours.map(|(i, name)| Plane {
-        name,
-        source: Source::Colour(&image.pixels, i),
-    });
+    let colours = colours.map(|(i, name)| Plane { name, source: Source::Colour(&image.pixels, i) });
     let others = image.channels.iter().map(|channel| {
         let source = match &channel.samples {
             Samples::Float(values) => Source::Float(values),
             Samples::Uint(values) => Source::Uint(values),
         };
-        Plane {
-            name: &channel.name,
-            source,
-        }
+        Plane { name: &channel.name, source }
     });
     colours.chain(others).collect()
 }
@@ -122,22 +112,12 @@ fn compress(
 fn header(image: &Image, planes: &[Plane]) -> Result<Header, EncodeError> {
     let mut channels = Vec::with_capacity(planes.len());
     for plane in planes {
-        channels.push(ChannelDescription::named(
-            text(plane.name)?,
-            plane.source.sample_type(),
-        ));
+        channels.push(ChannelDescription::named(text(plane.name)?, plane.source.sample_type()));
     }
     let size = Vec2(image.width as usize, image.height as usize);
-    let frame = Vec2(
-        image.window.full_width as usize,
-        image.window.full_height as usize,
-    );
+    let frame = Vec2(image.window.full_width as usize, image.window.full_height as usize);
     Ok(Header::new(Text::from("wavepath"), size, channels.into())
-        .with_encoding(
-            Compression::ZIP16,
-            BlockDescription::ScanLines,
-            LineOrder::Increasing,
-        )
+        .with_encoding(Compression::ZIP16, BlockDescription::ScanLines, LineOrder::Increasing)
         .with_display_window(IntegerBounds::new((0, 0), frame))
         .with_attributes(attributes(image)?))
 }
@@ -146,18 +126,14 @@ fn attributes(image: &Image) -> Result<LayerAttributes, EncodeError> {
     let software = concat!("wavepath ", env!("CARGO_PKG_VERSION"));
     let mut attributes = LayerAttributes {
         layer_name: None,
-        software_name: Some(lossy(
-            image.metadata.software.as_deref().unwrap_or(software),
-        )),
+        software_name: Some(lossy(image.metadata.software.as_deref().unwrap_or(software))),
         owner: image.metadata.owner.as_deref().map(lossy),
         layer_position: Vec2(image.window.x, image.window.y),
         ..LayerAttributes::named("")
     };
     if let Some(report) = &image.metadata.report {
         let report = text(&escape_non_ascii(report))?;
-        attributes
-            .other
-            .insert(text(REPORT_ATTRIBUTE)?, AttributeValue::Text(report));
+        attributes.other.insert(text(REPORT_ATTRIBUTE)?, AttributeValue::Text(report));
     }
     Ok(attributes)
 }

@@ -104,26 +104,10 @@ impl Image {
     /// If `pixels` does not hold `width * height` elements or is empty.
     pub fn new(width: u32, height: u32, pixels: Vec<[f32; 3]>) -> Self {
         assert!(width > 0 && height > 0, "a picture has at least one pixel");
-        assert_eq!(
-            pixels.len() as u64,
-            u64::from(width) * u64::from(height),
-            "pixel count"
-        );
-        let window = DataWindow {
-            x: 0,
-            y: 0,
-            full_width: width,
-            full_height: height,
-        };
+        assert_eq!(pixels.len() as u64, u64::from(width) * u64::from(height), "pixel count");
+        let window = DataWindow { x: 0, y: 0, full_width: width, full_height: height };
         let (channels, metadata) = (Vec::new(), Metadata::default());
-        Self {
-            width,
-            height,
-            pixels,
-            window,
-            channels,
-            metadata,
-        }
+        Self { width, height, pixels, window, channels, metadata }
     }
 
     /// The pixel in column `x` and row `y` of the stored pixels.
@@ -131,10 +115,7 @@ impl Image {
     /// # Panics
     /// If it lies outside.
     pub fn pixel(&self, x: u32, y: u32) -> [f32; 3] {
-        assert!(
-            x < self.width && y < self.height,
-            "pixel ({x}, {y}) outside"
-        );
+        assert!(x < self.width && y < self.height, "pixel ({x}, {y}) outside");
         self.pixels[y as usize * self.width as usize + x as usize]
     }
 
@@ -143,8 +124,8 @@ impl Image {
     /// The result has `width * height` pixels, its top left one at `window`'s corner. `None` if
     /// the full frames differ or a pixel is missing.
     pub fn crop(&self, window: DataWindow, width: u32, height: u32) -> Option<Self> {
-        let same_frame = (window.full_width, window.full_height)
-            == (self.window.full_width, self.window.full_height);
+        let same_frame =
+            (window.full_width, window.full_height) == (self.window.full_width, self.window.full_height);
         let x = u32::try_from(i64::from(window.x) - i64::from(self.window.x)).ok()?;
         let y = u32::try_from(i64::from(window.y) - i64::from(self.window.y)).ok()?;
         let fits = |start: u32, length: u32, all: u32| {
@@ -153,18 +134,10 @@ impl Image {
         if !same_frame || !fits(x, width, self.width) || !fits(y, height, self.height) {
             return None;
         }
-        let rows = self
-            .pixels
-            .chunks_exact(self.width as usize)
-            .skip(y as usize);
+        let rows = self.pixels.chunks_exact(self.width as usize).skip(y as usize);
         let columns = x as usize..x as usize + width as usize;
-        let pixels = rows
-            .take(height as usize)
-            .flat_map(|row| &row[columns.clone()]);
-        Some(Self {
-            window,
-            ..Self::new(width, height, pixels.copied().collect())
-        })
+        let pixels = rows.take(height as usize).flat_map(|row| &row[columns.clone()]);
+        Some(Self { window, ..Self::new(width, height, pixels.copied().collect()) })
     }
 
     /// Checks that every channel has the picture's size and that no name occurs twice.
@@ -176,16 +149,10 @@ impl Image {
         let mut names = vec!["R", "G", "B"];
         for channel in &self.channels {
             if channel.samples.len() as u64 != pixels {
-                return Err(format!(
-                    "channel {} has not the picture's size",
-                    channel.name
-                ));
+                return Err(format!("channel {} has not the picture's size", channel.name));
             }
             if channel.name.is_empty() || names.contains(&channel.name.as_str()) {
-                return Err(format!(
-                    "the channel name \"{}\" is not unique",
-                    channel.name
-                ));
+                return Err(format!("the channel name \"{}\" is not unique", channel.name));
             }
             names.push(&channel.name);
         }
@@ -208,10 +175,7 @@ impl ImageFormat {
     /// # Errors
     /// [`ImageError::UnknownFormat`] for any other ending.
     pub fn from_path(path: &Path) -> Result<Self, ImageError> {
-        let ending = path
-            .extension()
-            .and_then(|ending| ending.to_str())
-            .unwrap_or("");
+        let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or("");
         match ending.to_ascii_lowercase().as_str() {
             "exr" => Ok(Self::Exr),
             "png" => Ok(Self::Png),
@@ -258,10 +222,7 @@ pub enum ImageError {
 /// # Errors
 /// [`ImageError::Read`], which names the file and the reason.
 pub fn read(path: &Path) -> Result<Image, ImageError> {
-    exr_read::read(path).map_err(|reason| ImageError::Read {
-        path: path.into(),
-        reason,
-    })
+    exr_read::read(path).map_err(|reason| ImageError::Read { path: path.into(), reason })
 }
 
 /// Writes `image` to `path`, in the format of its ending; the file appears whole or not at all.
@@ -279,10 +240,7 @@ pub fn write(path: &Path, image: &Image, exposure: f32) -> Result<(), ImageError
             ImageFormat::Png => png::encode(image, exposure, file),
         })
     });
-    encoded.map_err(|EncodeError(reason)| ImageError::Write {
-        path: path.into(),
-        reason,
-    })
+    encoded.map_err(|EncodeError(reason)| ImageError::Write { path: path.into(), reason })
 }
 
 /// Checks that `path` has a known ending and can be written: to be called before rendering.
@@ -291,10 +249,8 @@ pub fn write(path: &Path, image: &Image, exposure: f32) -> Result<(), ImageError
 /// [`ImageError::UnknownFormat`] or [`ImageError::Write`].
 pub fn check_writable(path: &Path) -> Result<(), ImageError> {
     ImageFormat::from_path(path)?;
-    atomic_file::check_writable(path).map_err(|error| ImageError::Write {
-        path: path.into(),
-        reason: error.to_string(),
-    })
+    atomic_file::check_writable(path)
+        .map_err(|error| ImageError::Write { path: path.into(), reason: error.to_string() })
 }
 
 /// Why an encoder failed, in words.
@@ -335,44 +291,21 @@ mod tests {
     #[test]
     fn unknown_endings_say_what_is_expected() {
         for name in ["a.jpg", "a", "exr", "a.exr.gz", ".exr"] {
-            let error = ImageFormat::from_path(name.as_ref())
-                .unwrap_err()
-                .to_string();
-            assert!(
-                error.contains(name) && error.contains(".exr or .png"),
-                "{error}"
-            );
+            let error = ImageFormat::from_path(name.as_ref()).unwrap_err().to_string();
+            assert!(error.contains(name) && error.contains(".exr or .png"), "{error}");
         }
-        assert_eq!(
-            ImageFormat::from_path("a/b.PnG".as_ref()).unwrap(),
-            ImageFormat::Png
-        );
+        assert_eq!(ImageFormat::from_path("a/b.PnG".as_ref()).unwrap(), ImageFormat::Png);
     }
 
     #[test]
     fn crop_takes_the_pixels_of_the_window() {
         let pixels = (0..12).map(|i| [i as f32; 3]).collect();
         let image = Image::new(4, 3, pixels);
-        let window = DataWindow {
-            x: 1,
-            y: 1,
-            ..image.window
-        };
+        let window = DataWindow { x: 1, y: 1, ..image.window };
         let crop = image.crop(window, 2, 2).unwrap();
         assert_eq!(crop.pixels, [[5.0; 3], [6.0; 3], [9.0; 3], [10.0; 3]]);
         assert!(image.crop(window, 4, 2).is_none());
-        assert!(
-            image
-                .crop(
-                    DataWindow {
-                        full_width: 5,
-                        ..window
-                    },
-                    2,
-                    2
-                )
-                .is_none()
-        );
+        assert!(image.crop(DataWindow { full_width: 5, ..window }, 2, 2).is_none());
         assert!(crop.crop(image.window, 1, 1).is_none());
     }
 
@@ -380,21 +313,10 @@ mod tests {
     fn a_failed_write_leaves_no_file() {
         let folder = TestFolder::new("picture-failed");
         let mut image = Image::new(1, 1, vec![[0.0; 3]]);
-        image.channels.push(Channel {
-            name: "R".into(),
-            samples: Samples::Uint(vec![1]),
-        });
-        let error = write(&folder.file("a.exr"), &image, 0.0)
-            .unwrap_err()
-            .to_string();
-        assert!(
-            error.contains("a.exr") && error.contains("not unique"),
-            "{error}"
-        );
-        image.channels[0] = Channel {
-            name: "n".into(),
-            samples: Samples::Uint(vec![]),
-        };
+        image.channels.push(Channel { name: "R".into(), samples: Samples::Uint(vec![1]) });
+        let error = write(&folder.file("a.exr"), &image, 0.0).unwrap_err().to_string();
+        assert!(error.contains("a.exr") && error.contains("not unique"), "{error}");
+        image.channels[0] = Channel { name: "n".into(), samples: Samples::Uint(vec![]) };
         assert!(write(&folder.file("a.exr"), &image, 0.0).is_err());
         assert!(folder.names().is_empty());
     }

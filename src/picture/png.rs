@@ -14,11 +14,7 @@ const NAN_COLOUR: [u8; 3] = [255, 0, 255];
 /// Values outside 0 to 1 are clamped; NaN stays NaN.
 pub fn linear_to_srgb(linear: f64) -> f64 {
     let linear = linear.clamp(0.0, 1.0);
-    if linear <= 0.003_130_8 {
-        12.92 * linear
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
-    }
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// A linear colour as 8-bit sRGB, rounded to nearest; magenta if a channel is NaN.
@@ -30,17 +26,9 @@ pub fn to_srgb8(colour: [f32; 3]) -> [u8; 3] {
 }
 
 /// Writes `image` as PNG, its colours multiplied by `2^exposure`.
-pub(super) fn encode(
-    image: &Image,
-    exposure: f32,
-    file: &mut dyn WriteSeek,
-) -> Result<(), EncodeError> {
+pub(super) fn encode(image: &Image, exposure: f32, file: &mut dyn WriteSeek) -> Result<(), EncodeError> {
     let gain = exposure.exp2();
-    let bytes: Vec<u8> = image
-        .pixels
-        .iter()
-        .flat_map(|pixel| to_srgb8(pixel.map(|c| c * gain)))
-        .collect();
+    let bytes: Vec<u8> = image.pixels.iter().flat_map(|pixel| to_srgb8(pixel.map(|c| c * gain))).collect();
     let colour = ExtendedColorType::Rgb8;
     Ok(PngEncoder::new(file).write_image(&bytes, image.width, image.height, colour)?)
 }

@@ -134,9 +134,8 @@ fn camera(description: &d::SceneDescription) -> Camera {
 }
 
 fn filter(filter: d::Filter) -> Filter {
-    let axes = |radius: [f64; 2], f: &dyn Fn(f64, f64) -> f64| {
-        radius.map(|r| FilterAxis::tabulate(r, |x| f(x, r)))
-    };
+    let axes =
+        |radius: [f64; 2], f: &dyn Fn(f64, f64) -> f64| radius.map(|r| FilterAxis::tabulate(r, |x| f(x, r)));
     let axes = match filter {
         d::Filter::Box { radius } => radius.map(FilterAxis::constant),
         d::Filter::Triangle { radius } => axes(radius, &|x, r| r - x.abs()),
@@ -210,8 +209,7 @@ impl Builder<'_> {
 
     fn materials(&mut self) -> Result<(), BuildError> {
         for (number, material) in self.description.materials.iter().enumerate() {
-            let unsupported =
-                |what: String| BuildError::Material { material: number as u32, what };
+            let unsupported = |what: String| BuildError::Material { material: number as u32, what };
             let (class, row) = match *material {
                 d::Material::Diffuse { reflectance: [0.0, 0.0, 0.0], .. } => {
                     (MaterialClass::Absorber, [0.0; 8])
@@ -311,7 +309,14 @@ impl Builder<'_> {
         self.geometry.smooth_triangles = self.geometry.triangle_normals.len() / 3;
     }
 
-    fn triangle(&mut self, shape: &d::Shape, mesh: &d::Mesh, corners: [u32; 3], first: u32, first_normal: u32) {
+    fn triangle(
+        &mut self,
+        shape: &d::Shape,
+        mesh: &d::Mesh,
+        corners: [u32; 3],
+        first: u32,
+        first_normal: u32,
+    ) {
         let p = corners.map(|k| DVec3::from(mesh.positions[k as usize].map(f64::from)));
         let cross = (p[1] - p[0]).cross(p[2] - p[0]);
         let area = 0.5 * cross.length();
@@ -320,7 +325,8 @@ impl Builder<'_> {
             shape.flip_normal
         } else {
             // Vertex normals say which side is out, as in pbrt.
-            let n: DVec3 = corners.iter().map(|&k| DVec3::from(mesh.normals[k as usize].map(f64::from))).sum();
+            let n: DVec3 =
+                corners.iter().map(|&k| DVec3::from(mesh.normals[k as usize].map(f64::from))).sum();
             self.geometry.triangle_normals.extend(corners.map(|k| first_normal + k));
             n.dot(normal) < 0.0
         };
@@ -337,9 +343,7 @@ impl Builder<'_> {
                 let (a, b) = if turned { (p[2], p[1]) } else { (p[1], p[2]) };
                 let [e1, e2] = [(a - p[0]).as_vec3(), (b - p[0]).as_vec3()];
                 let corner = p[0].as_vec3();
-                let row = [
-                    corner.x, corner.y, corner.z, e1.x, e1.y, e1.z, e2.x, e2.y, e2.z, area as f32,
-                ];
+                let row = [corner.x, corner.y, corner.z, e1.x, e1.y, e1.z, e2.x, e2.y, e2.z, area as f32];
                 self.emitter(shape, emission, kind::TRIANGLE, area, row)
             }
             _ => self.tag(shape),
@@ -506,7 +510,8 @@ fn surface_area(geometry: &d::Geometry) -> f64 {
     match *geometry {
         d::Geometry::Sphere { world_from_object, radius, z_min, z_max, phi_max } => {
             sum(&world_from_object, phi_max, &|u, phi| {
-                let (low, high) = ((z_min / radius).clamp(-1.0, 1.0).acos(), (z_max / radius).clamp(-1.0, 1.0).acos());
+                let (low, high) =
+                    ((z_min / radius).clamp(-1.0, 1.0).acos(), (z_max / radius).clamp(-1.0, 1.0).acos());
                 let theta = low + u * (high - low);
                 radius * DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
             })

@@ -18,13 +18,6 @@ const MAX_LEAF: u32 = 8;
 /// A child that is not there.
 const EMPTY: Child = Child(u32::MAX);
 
-/// Boxes that no ray enters, whatever its direction: it would enter at infinity and leave at minus infinity. (Not NaN:
-/// minima and maxima drop those.)
-const ABSENT: [[f32; WIDTH]; 6] = {
-    let (low, high) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]);
-    [low, high, low, high, low, high]
-};
-
 /// A node's child: an inner node (its number), or a leaf: the top bit is set, then one bit says triangles (0) or
 /// others (1), three bits hold the number of blocks or primitives less one, the rest the number of the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -225,7 +218,9 @@ impl Collapse<'_, '_> {
             if let Some((node, lane)) = parent {
                 self.out.nodes[node].child[lane] = id as u32;
             }
-            let mut node = Node { bounds: ABSENT, child: [EMPTY.0; WIDTH] };
+            // Absent children are turned inside out: every ray enters them at infinity.
+            let (low, high) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]);
+            let mut node = Node { bounds: [low, high, low, high, low, high], child: [EMPTY.0; WIDTH] };
             let children = if root_is_leaf { vec![binary] } else { self.children(binary) };
             root_is_leaf = false;
             self.out.stack = self.out.stack.max(held + children.len() + 1);
@@ -278,8 +273,7 @@ impl Bvh8<'_> {
                 // SAFETY: inner children are numbers of nodes.
                 let node = unsafe { self.nodes.get_unchecked(current as usize) };
                 // (side - origin) * inverse, not a fused side * inverse - origin * inverse: that cancels for rays
-                // almost parallel to an axis. The infinite sides of absent children fail the
-                // comparison.
+                // almost parallel to an axis.
                 let enter = |axis: usize| (I::Eight::load(&node.bounds[near[axis]], 0) - o[axis]) * inv[axis];
                 let leave =
                     |axis: usize| (I::Eight::load(&node.bounds[near[axis] ^ 1], 0) - o[axis]) * inv[axis];

@@ -78,6 +78,48 @@ pub trait Accelerator: Sync {
     fn bytes(&self) -> usize;
 }
 
+/// The closest hit of one ray, as a kernel of its own: engines that trace ray by ray call it, and it is compiled once.
+pub struct Closest<'a, A> {
+    /// What the ray is traced through.
+    pub accelerator: &'a A,
+    /// Where it starts.
+    pub origin: [f32; 3],
+    /// Unit direction.
+    pub direction: [f32; 3],
+    /// Scratch.
+    pub stack: &'a mut TraversalStack,
+}
+
+impl<A: Accelerator> Kernel for Closest<'_, A> {
+    type Output = Hit;
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) -> Hit {
+        self.accelerator.closest(isa, self.origin, self.direction, self.stack)
+    }
+}
+
+/// Whether one ray meets anything within `distance`, as a kernel of its own.
+pub struct Occluded<'a, A> {
+    /// What the ray is traced through.
+    pub accelerator: &'a A,
+    /// Where it starts.
+    pub origin: [f32; 3],
+    /// Unit direction.
+    pub direction: [f32; 3],
+    /// How far to look.
+    pub distance: f32,
+    /// Scratch.
+    pub stack: &'a mut TraversalStack,
+}
+
+impl<A: Accelerator> Kernel for Occluded<'_, A> {
+    type Output = bool;
+    #[inline(always)]
+    fn run<I: Isa>(self, isa: I) -> bool {
+        self.accelerator.occluded(isa, self.origin, self.direction, self.distance, self.stack)
+    }
+}
+
 /// Tests one triangle and keeps the better hit.
 #[inline(always)]
 pub fn test_triangle(corners: &[[f32; 3]; 3], primitive: u32, ray: &ShearedRay, hit: &mut Hit) {

@@ -67,12 +67,7 @@ fn what_was_written_is_read_with_window_and_metadata() {
     let (width, height) = (7, 16 * 70 + 3);
     let mut image = Image::new(width, height, expected(1.5, (width * height) as usize));
     image.pixels[5] = [f32::NAN, f32::INFINITY, -1e-30];
-    image.window = DataWindow {
-        x: 3,
-        y: 20,
-        full_width: 40,
-        full_height: 2000,
-    };
+    image.window = DataWindow { x: 3, y: 20, full_width: 40, full_height: 2000 };
     image.metadata = Metadata {
         report: Some("{\"spp\": 4, \"scene\": \"a\\\"b\"}".into()),
         software: None,
@@ -80,13 +75,8 @@ fn what_was_written_is_read_with_window_and_metadata() {
     };
     write(&path, &image, 3.0).unwrap();
     let read = super::read(&path).unwrap();
-    let bits = |image: &Image| -> Vec<_> {
-        image
-            .pixels
-            .iter()
-            .map(|pixel| pixel.map(f32::to_bits))
-            .collect()
-    };
+    let bits =
+        |image: &Image| -> Vec<_> { image.pixels.iter().map(|pixel| pixel.map(f32::to_bits)).collect() };
     assert_eq!(bits(&read), bits(&image));
     assert_eq!(read.window, image.window);
     assert_eq!(read.metadata.report, image.metadata.report);
@@ -101,18 +91,9 @@ fn further_channels_reach_the_file_and_do_not_disturb_the_colours() {
     let path = folder.file("a.exr");
     let mut image = Image::new(2, 2, expected(1.0, 4));
     image.channels = vec![
-        Channel {
-            name: "error.R".into(),
-            samples: Samples::Float(vec![0.5, 1.5, 2.5, 3.5]),
-        },
-        Channel {
-            name: "samples.N".into(),
-            samples: Samples::Uint(vec![7, 8, 9, u32::MAX]),
-        },
-        Channel {
-            name: "A".into(),
-            samples: Samples::Float(vec![1.0; 4]),
-        },
+        Channel { name: "error.R".into(), samples: Samples::Float(vec![0.5, 1.5, 2.5, 3.5]) },
+        Channel { name: "samples.N".into(), samples: Samples::Uint(vec![7, 8, 9, u32::MAX]) },
+        Channel { name: "A".into(), samples: Samples::Float(vec![1.0; 4]) },
     ];
     write(&path, &image, 0.0).unwrap();
     assert_eq!(super::read(&path).unwrap().pixels, image.pixels);
@@ -120,11 +101,7 @@ fn further_channels_reach_the_file_and_do_not_disturb_the_colours() {
     let file = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
     let samples = |name: &str| {
         let mut channels = file.layer_data.channel_data.list.iter();
-        channels
-            .find(|channel| channel.name.eq(name))
-            .unwrap()
-            .sample_data
-            .clone()
+        channels.find(|channel| channel.name.eq(name)).unwrap().sample_data.clone()
     };
     assert!(samples("error.R") == floats(&[0.5, 1.5, 2.5, 3.5]));
     assert!(samples("samples.N") == FlatSamples::U32(vec![7, 8, 9, u32::MAX]));
@@ -133,20 +110,12 @@ fn further_channels_reach_the_file_and_do_not_disturb_the_colours() {
 #[test]
 fn every_lossless_compression_and_blocking_is_read() {
     let count = 37 * 41;
-    for compression in [
-        Compression::Uncompressed,
-        Compression::RLE,
-        Compression::ZIP1,
-        Compression::ZIP16,
-        Compression::PIZ,
-    ] {
+    for compression in
+        [Compression::Uncompressed, Compression::RLE, Compression::ZIP1, Compression::ZIP16, Compression::PIZ]
+    {
         for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(16, 8))] {
             for line_order in [LineOrder::Increasing, LineOrder::Decreasing] {
-                let encoding = Encoding {
-                    compression,
-                    blocks,
-                    line_order,
-                };
+                let encoding = Encoding { compression, blocks, line_order };
                 let bytes = file_of(vec![layer("", (37, 41), encoding, rgb(0.125, count))]);
                 let image = decode_bytes(&bytes).unwrap();
                 assert_eq!(image.pixels, expected(0.125, count), "{encoding:?}");
@@ -159,11 +128,7 @@ fn every_lossless_compression_and_blocking_is_read() {
 fn lossy_compressions_are_read() {
     let count = 64 * 64;
     let half = |offset: f32| {
-        FlatSamples::F16(
-            (0..count)
-                .map(|i| f16::from_f32(i as f32 / 4096.0 + offset))
-                .collect(),
-        )
+        FlatSamples::F16((0..count).map(|i| f16::from_f32(i as f32 / 4096.0 + offset)).collect())
     };
     for compression in [
         Compression::PXR24,
@@ -172,25 +137,15 @@ fn lossy_compressions_are_read() {
         Compression::DWAA(None),
         Compression::DWAB(None),
     ] {
-        let channels = vec![
-            channel("R", half(0.0)),
-            channel("G", half(0.25)),
-            channel("B", half(0.5)),
-        ];
-        let encoding = Encoding {
-            compression,
-            blocks: Blocks::ScanLines,
-            line_order: LineOrder::Increasing,
-        };
+        let channels = vec![channel("R", half(0.0)), channel("G", half(0.25)), channel("B", half(0.5))];
+        let encoding = Encoding { compression, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
         let bytes = file_of(vec![layer("", (64, 64), encoding, channels)]);
         let image = decode_bytes(&bytes).unwrap_or_else(|e| panic!("{compression:?}: {e}"));
         let error = image
             .pixels
             .iter()
             .zip(expected(1.0 / 4096.0, count))
-            .map(|(read, _)| {
-                ((read[1] - read[0] - 0.25).abs()).max((read[2] - read[0] - 0.5).abs())
-            });
+            .map(|(read, _)| ((read[1] - read[0] - 0.25).abs()).max((read[2] - read[0] - 0.5).abs()));
         assert!(error.fold(0.0, f32::max) < 0.05, "{compression:?}");
     }
 }
@@ -210,14 +165,8 @@ fn types_layers_and_grey_are_understood() {
     assert_eq!(image.pixels, [[0.25, 0.5, 3.0], [2.0, 1.0, 4.0]]);
 
     // Plain colours of a later part win over those of a layer.
-    let parts = vec![
-        layer("aovs", (2, 1), encoding, mixed),
-        layer("beauty", (2, 1), encoding, rgb(1.0, 2)),
-    ];
-    assert_eq!(
-        decode_bytes(&file_of(parts)).unwrap().pixels,
-        expected(1.0, 2)
-    );
+    let parts = vec![layer("aovs", (2, 1), encoding, mixed), layer("beauty", (2, 1), encoding, rgb(1.0, 2))];
+    assert_eq!(decode_bytes(&file_of(parts)).unwrap().pixels, expected(1.0, 2));
 
     let grey = vec![channel("Y", half)];
     let image = decode_bytes(&file_of(vec![layer("", (2, 1), encoding, grey)])).unwrap();
@@ -225,41 +174,25 @@ fn types_layers_and_grey_are_understood() {
 
     let depth = vec![channel("Z", floats(&[1.0, 2.0]))];
     let error = decode_bytes(&file_of(vec![layer("", (2, 1), encoding, depth)])).unwrap_err();
-    assert!(
-        error.contains("no channels R, G and B") && error.contains('Z'),
-        "{error}"
-    );
+    assert!(error.contains("no channels R, G and B") && error.contains('Z'), "{error}");
 }
 
 #[test]
 fn of_a_mip_map_the_largest_level_is_read() {
     let levels = |offset: f32| {
         let level = |size: usize| -> FlatSamples {
-            floats(
-                &(0..size * size)
-                    .map(|i| i as f32 + offset)
-                    .collect::<Vec<_>>(),
-            )
+            floats(&(0..size * size).map(|i| i as f32 + offset).collect::<Vec<_>>())
         };
         let level_data: LevelMaps<FlatSamples> = vec![level(8), level(4), level(2), level(1)];
-        Levels::Mip {
-            rounding_mode: RoundingMode::Down,
-            level_data,
-        }
+        Levels::Mip { rounding_mode: RoundingMode::Down, level_data }
     };
     let names = [("B", 0.5), ("G", 0.25), ("R", 0.0)];
     let list = names.map(|(name, offset)| AnyChannel::new(name, levels(offset)));
     let channels = AnyChannels::sort(list.into_iter().collect());
-    let encoding = Encoding {
-        blocks: Blocks::Tiles(Vec2(4, 4)),
-        ..Encoding::SMALL_LOSSLESS
-    };
+    let encoding = Encoding { blocks: Blocks::Tiles(Vec2(4, 4)), ..Encoding::SMALL_LOSSLESS };
     let layer = Layer::new((8, 8), LayerAttributes::named(""), encoding, channels);
     let mut bytes = Cursor::new(Vec::new());
-    ExrImage::from_layer(layer)
-        .write()
-        .to_buffered(&mut bytes)
-        .unwrap();
+    ExrImage::from_layer(layer).write().to_buffered(&mut bytes).unwrap();
     let image = decode_bytes(bytes.get_ref()).unwrap();
     assert_eq!(image.pixels, expected(1.0, 64));
 }
@@ -274,15 +207,7 @@ fn data_window_is_relative_to_the_display_window() {
     let mut bytes = Cursor::new(Vec::new());
     image.write().to_buffered(&mut bytes).unwrap();
     let window = decode_bytes(bytes.get_ref()).unwrap().window;
-    assert_eq!(
-        window,
-        DataWindow {
-            x: 2,
-            y: 2,
-            full_width: 20,
-            full_height: 30
-        }
-    );
+    assert_eq!(window, DataWindow { x: 2, y: 2, full_width: 20, full_height: 30 });
 }
 
 /// A scan line header of the given compression and size, without any pixels behind it.
@@ -298,17 +223,9 @@ fn promise(compression: Compression, size: (usize, usize)) -> Header {
 #[test]
 fn headers_are_not_taken_at_their_word() {
     let giant = promise(Compression::ZIP16, (1 << 20, 1 << 20));
-    assert!(
-        check_plausible(&giant, u64::MAX)
-            .unwrap_err()
-            .contains("beyond the limit")
-    );
+    assert!(check_plausible(&giant, u64::MAX).unwrap_err().contains("beyond the limit"));
     let large = promise(Compression::ZIP16, (1 << 14, 1 << 14));
-    assert!(
-        check_plausible(&large, 100_000)
-            .unwrap_err()
-            .contains("truncated")
-    );
+    assert!(check_plausible(&large, 100_000).unwrap_err().contains("truncated"));
     check_plausible(&large, 10_000_000).unwrap();
 }
 
@@ -316,17 +233,9 @@ fn headers_are_not_taken_at_their_word() {
 fn a_black_picture_compresses_well_and_is_plausible() {
     for compression in [Compression::RLE, Compression::ZIP16, Compression::PIZ] {
         let black = || floats(&vec![0.0; 512 * 512]);
-        let channels = vec![
-            channel("R", black()),
-            channel("G", black()),
-            channel("B", black()),
-        ];
+        let channels = vec![channel("R", black()), channel("G", black()), channel("B", black())];
         let blocks = Blocks::Tiles(Vec2(512, 512));
-        let encoding = Encoding {
-            compression,
-            blocks,
-            line_order: LineOrder::Increasing,
-        };
+        let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
         let bytes = file_of(vec![layer("", (512, 512), encoding, channels)]);
         decode_bytes(&bytes).unwrap();
     }
@@ -334,19 +243,10 @@ fn a_black_picture_compresses_well_and_is_plausible() {
 
 #[test]
 fn cut_off_files_are_errors() {
-    let bytes = file_of(vec![layer(
-        "",
-        (37, 41),
-        Encoding::SMALL_LOSSLESS,
-        rgb(1.0, 37 * 41),
-    )]);
+    let bytes = file_of(vec![layer("", (37, 41), Encoding::SMALL_LOSSLESS, rgb(1.0, 37 * 41))]);
     for length in (0..bytes.len()).step_by(7) {
         let result = contain_panics(|| decode_bytes(&bytes[..length]));
-        assert!(
-            result.is_none_or(|image| image.is_err()),
-            "{length} of {} bytes",
-            bytes.len()
-        );
+        assert!(result.is_none_or(|image| image.is_err()), "{length} of {} bytes", bytes.len());
     }
 }
 
@@ -354,14 +254,8 @@ fn cut_off_files_are_errors() {
 fn damaged_files_never_abort() {
     let encodings = [
         Encoding::SMALL_LOSSLESS,
-        Encoding {
-            blocks: Blocks::Tiles(Vec2(8, 8)),
-            ..Encoding::FAST_LOSSLESS
-        },
-        Encoding {
-            compression: Compression::PIZ,
-            ..Encoding::SMALL_LOSSLESS
-        },
+        Encoding { blocks: Blocks::Tiles(Vec2(8, 8)), ..Encoding::FAST_LOSSLESS },
+        Encoding { compression: Compression::PIZ, ..Encoding::SMALL_LOSSLESS },
     ];
     // xorshift64, fixed seed
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
@@ -377,11 +271,7 @@ fn damaged_files_never_abort() {
             let mut damaged = bytes.clone();
             for _ in 0..=random(3) {
                 // Mostly in the header, where one byte does the most harm.
-                let end = if random(4) > 0 {
-                    400.min(bytes.len())
-                } else {
-                    bytes.len()
-                };
+                let end = if random(4) > 0 { 400.min(bytes.len()) } else { bytes.len() };
                 damaged[random(end)] = random(256) as u8;
             }
             let _ = contain_panics(|| decode_bytes(&damaged));

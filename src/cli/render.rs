@@ -1,0 +1,197 @@
+//! `wavepath render`: a scene in, a picture and its cost out.
+
+use std::path::Path;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use wavepath_kernels::isa::Level;
+
+use super::args::{Engine, RenderArgs, SamplerChoice, SphericalLights};
+use super::{Failure, output};
+use crate::engine::schedule::Stop;
+use crate::engine::stats::{Stage, Stats};
+use crate::engine::{self, EngineKind, Settings, Tree, wavefront};
+use crate::film::{Developed, Film, Quantum, replicates_for};
+use crate::machine;
+use crate::picture::{self, DataWindow, Image};
+use crate::plan::Plan;
+use crate::progress::Progress;
+use crate::report::{Rays, Report};
+use crate::scene::{self, SamplerKind, SceneDescription};
+use wavepath_kernels::scene::Scene;
+
+/// Reads a scene and builds its tables; warnings go to standard error unless `quiet`.
+pub(super) fn load(
+    path: &Path,
+    spherical: scene::SphericalLights,
+    resolution: Option<(u32, u32)>,
+    quiet: bool,
+) -> Result<(SceneDescription, Scene), Failure> {
+    let loaded = crate::pbrt::load(path).map_err(|error| Failure::Input(error.to_string()))?;
+    if !quiet {
+        for warning in &loaded.warnings {
+            eprintln!("{warning}");
+        }
+    }
+    let mut description = loaded.scene;
+    if let Some((width, height)) = resolution {
+        scene::set_resolution(&mut description, width, height);
+    }
+    let built = scene::build(&description, spherical)
+        .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))?;
+    Ok((description, built))
+}
+
+/// Renders.
+pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let started = Instant::now();
+    let spherical = match args.spherical_lights {
+        SphericalLights::Cone => scene::SphericalLights::Cone,
+        SphericalLights::Area => scene::SphericalLights::Area,
+    };
+    if let Some(path) = &args.output {
+        output::check_image(path)?;
+    }
+    if let Some(path) = &args.report {
+        output::check_report(path)?;
+    }
+    let resolution = args.resolution.map(|r| (r.width, r.height));
+    let (description, scene) = load(&args.scene, spherical, resolution, args.quiet)?;
+    let image_path = match &args.output {
+        Some(path) => path.clone(),
+        None => {
+            let path = default_output(&description, &args.scene);
+            output::check_image(&path)?;
+            path
+        }
+    };
+    let plan = Plan::new(&scene);
+    let settings = settings(args, &description);
+    // A time limit alone renders for that time; otherwise the scene's samples are the limit.
+    let spp = args.spp.or(args.time.is_none().then_some(description.sampler.pixel_samples));
+    let film = Film::new(
+        description.film.resolution[0],
+        description.film.pixel_bounds,
+        replicates_for(spp),
+        Quantum::for_brightest(brightest(&scene)),
+        plan.requirements,
+    );
+    let tree = Tree::build(settings.engine, &scene);
+    let interrupted = crate::interrupt::flag()
+        .map_err(|error| Failure::Work(format!("cannot watch for Ctrl-C: {error}")))?;
+    let stop = Stop { spp, time: args.time, interrupted: interrupted.clone() };
+    let setup = started.elapsed();
+
+    let total = spp.map(|spp| spp as u64 * film.pixels());
+    let progress = Progress::new(total, args.time, args.quiet);
+    let (stats, seconds) = engine::render(&scene, &plan, &tree, &film, &settings, stop, |done| {
+        progress.update(done.samples.load(Ordering::Relaxed), done.rays.load(Ordering::Relaxed), None);
+    })
+    .map_err(|error| Failure::Work(format!("cannot start {} threads: {error}", settings.threads)))?;
+    progress.finish();
+
+    let developed = film.develop();
+    let report = report(args, &settings, &film, &developed, &stats, setup, seconds);
+    let mut image = picture_of(&description, developed);
+    image.metadata.report = Some(report.to_json());
+    picture::write(&image_path, &image, args.exposure).map_err(|error| Failure::Work(error.to_string()))?;
+    if let Some(path) = &args.report {
+        output::write_report(path, &report)?;
+    }
+    if !args.quiet {
+        if interrupted.load(Ordering::Relaxed) {
+            eprintln!("interrupted: wrote what was done");
+        }
+        print!("{report}");
+        println!("wrote {}", image_path.display());
+    }
+    Ok(())
+}
+
+/// The file that the scene names, or one named after the scene, in the current folder.
+fn default_output(description: &SceneDescription, scene: &Path) -> std::path::PathBuf {
+    match &description.film.filename {
+        Some(name) if picture::ImageFormat::from_path(Path::new(name)).is_ok() => name.into(),
+        _ => {
+            let stem = scene.file_stem().unwrap_or_default();
+            let stem = Path::new(stem).file_stem().unwrap_or(stem);
+            Path::new(stem).with_extension("exr")
+        }
+    }
+}
+
+fn settings(args: &RenderArgs, description: &SceneDescription) -> Settings {
+    let threads = args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    Settings {
+        engine: match args.engine {
+            Engine::Wavefront => EngineKind::Wavefront,
+            Engine::Megakernel => EngineKind::Megakernel,
+        },
+        sampler: match args.sampler {
+            Some(SamplerChoice::Sobol) => SamplerKind::Sobol,
+            Some(SamplerChoice::Independent) => SamplerKind::Independent,
+            None => description.sampler.kind,
+        },
+        threads,
+        seed: args.seed.unwrap_or(description.sampler.seed),
+        batch: args.batch.unwrap_or(wavefront::DEFAULT_BATCH),
+        level: Level::detect(),
+    }
+}
+
+/// The brightest light of a scene: what the film's quantum is relative to.
+fn brightest(scene: &Scene) -> f32 {
+    let lights = scene.lights.rows.chunks(wavepath_kernels::light_sample::LightTable::STRIDE);
+    lights.flat_map(|row| &row[..3]).chain(&scene.environment).fold(0.0, |a, &b| a.max(b))
+}
+
+fn picture_of(description: &SceneDescription, developed: Developed) -> Image {
+    let [x0, x1, y0, y1] = description.film.pixel_bounds;
+    let [full_width, full_height] = description.film.resolution;
+    let mut image = Image::new(x1 - x0, y1 - y0, developed.pixels);
+    image.window = DataWindow { x: x0 as i32, y: y0 as i32, full_width, full_height };
+    image
+}
+
+fn report(
+    args: &RenderArgs,
+    settings: &Settings,
+    film: &Film,
+    developed: &Developed,
+    stats: &Stats,
+    setup: Duration,
+    seconds: Duration,
+) -> Report {
+    let [x0, x1, y0, y1] = film.bounds;
+    let wavefront = settings.engine == EngineKind::Wavefront;
+    Report {
+        scene: args.scene.display().to_string(),
+        engine: args.engine.to_string(),
+        width: x1 - x0,
+        height: y1 - y0,
+        spp: developed.samples as f64 / film.pixels() as f64,
+        seconds: seconds.as_secs_f64(),
+        setup_seconds: setup.as_secs_f64(),
+        samples: developed.samples,
+        rays: Rays { camera: stats.camera_rays, bounce: stats.bounce_rays, shadow: stats.shadow_rays },
+        stages: Stage::ALL
+            .into_iter()
+            .map(|stage| (stage.name().to_string(), stats.stages[stage as usize].as_secs_f64()))
+            .filter(|(_, seconds)| *seconds > 0.0)
+            .collect(),
+        invalid_samples: developed.invalid,
+        estimated_relmse: developed.relmse,
+        peak_memory_bytes: machine::peak_memory_bytes(),
+        threads: settings.threads,
+        batch: wavefront.then_some(settings.batch),
+        cpu: machine::cpu_name(),
+        isa: settings.level.name().to_string(),
+        sampler: match settings.sampler {
+            SamplerKind::Sobol => "sobol",
+            SamplerKind::Independent => "independent",
+        }
+        .to_string(),
+        seed: settings.seed,
+        version: env!("CARGO_PKG_VERSION").to_string(),
+    }
+}

@@ -1,0 +1,153 @@
+//! Reads scenes in pbrt's format (version 4, with version 3's names accepted).
+//!
+//! The way of a scene:
+//!
+//! 1. `lexer` streams tokens with their places out of a file, compressed or not;
+//! 2. `parser` knows the format: it follows `Include`, and yields directives with typed parameters;
+//! 3. `target` knows wavepath: it turns directives into a [`SceneDescription`], with the help of `ply`
+//!    (meshes), `spectra` (colours) and `transform`.
+//!
+//! The parser knows nothing of what wavepath supports, and the target nothing of brackets and quotes.
+//!
+//! What pbrt has and wavepath lacks is an error that names it; where the picture stays right without it, a warning.
+//! No input makes the reader panic, hang, or take memory on a header's word.
+//!
+//! ```
+//! let text = r#"
+//!     LookAt 0 0 -5  0 0 0  0 1 0
+//!     Camera "perspective" "float fov" 40
+//!     WorldBegin
+//!     LightSource "infinite" "rgb L" [ 1 1 1 ]
+//!     Material "diffuse" "rgb reflectance" [ 0.5 0.5 0.5 ]
+//!     Shape "sphere" "float radius" 1
+//! "#;
+//! let loaded = wavepath::pbrt::load_str(text, "example", std::path::Path::new("."))?;
+//! assert_eq!(loaded.scene.shapes.len(), 1);
+//! assert!(loaded.warnings.is_empty());
+//! # Ok::<(), wavepath::pbrt::Error>(())
+//! ```
+
+mod dialect;
+mod error;
+mod graphics_state;
+mod lexer;
+mod memory;
+mod parameters;
+mod parser;
+mod ply;
+mod source;
+mod spectra;
+mod suggest;
+mod target;
+mod transform;
+
+use std::path::{Path, PathBuf};
+
+pub use error::{Diagnostic, Error, Excerpt, Location, Severity};
+
+use crate::scene::SceneDescription;
+use dialect::Dialect;
+use error::{Place, Problem};
+use lexer::Lexer;
+use parser::Parser;
+use source::Sources;
+use target::Builder;
+
+/// A scene, and what there is to say about its files.
+#[derive(Clone, Debug)]
+pub struct Loaded {
+    /// The scene.
+    pub scene: SceneDescription,
+    /// What deserves a look, in the order in which it was found.
+    pub warnings: Vec<Diagnostic>,
+    /// Every file that was read: the scene, included files, meshes, spectra.
+    pub inputs: Vec<PathBuf>,
+}
+
+/// Reads a scene file and all files that it refers to. A name that ends in `.gz` is decompressed. The scene may
+/// come from a pipe; the files that it refers to may not.
+///
+/// # Errors
+/// The first thing in the files that is wrong, or that wavepath cannot render rightly.
+pub fn load(path: &Path) -> Result<Loaded, Error> {
+    let cannot = |error: std::io::Error| {
+        Problem::new(Place::Nowhere, format!("cannot read {}: {error}", path.display()))
+    };
+    let directory = path.parent().unwrap_or(Path::new(""));
+    let special = source::read_special(path);
+    let special = special.map_err(|error| Sources::default().error(&cannot(error)))?;
+    if let Some(bytes) = special {
+        return load_bytes(&bytes, &path.display().to_string(), directory);
+    }
+    load_with(|sources| {
+        let lexer = sources.open(path).map_err(cannot)?;
+        Ok((lexer, Some(path.to_path_buf()), directory.to_path_buf()))
+    })
+}
+
+/// Reads a scene from a text. `name` stands for the file in messages; file names in the text are relative to
+/// `base_dir`.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_str(text: &str, name: &str, base_dir: &Path) -> Result<Loaded, Error> {
+    load_bytes(text.as_bytes(), name, base_dir)
+}
+
+/// As [`load_str`], for bytes that are perhaps not UTF-8.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_bytes(bytes: &[u8], name: &str, base_dir: &Path) -> Result<Loaded, Error> {
+    load_with(|sources| Ok((sources.open_text(name, bytes), None, base_dir.to_path_buf())))
+}
+
+type Opened = (Lexer, Option<PathBuf>, PathBuf);
+
+fn load_with(open: impl Fn(&mut Sources) -> error::Result<Opened>) -> Result<Loaded, Error> {
+    match load_as(&open, Dialect::default()) {
+        Err(Outcome::Restart) => match load_as(&open, Dialect::v3()) {
+            Ok(loaded) => Ok(loaded),
+            Err(Outcome::Failed(error)) => Err(error),
+            Err(Outcome::Restart) => {
+                unreachable!("the dialect is settled, so nothing can be revised")
+            }
+        },
+        Err(Outcome::Failed(error)) => Err(error),
+        Ok(loaded) => Ok(loaded),
+    }
+}
+
+enum Outcome {
+    Restart,
+    Failed(Error),
+}
+
+fn load_as(
+    open: &impl Fn(&mut Sources) -> error::Result<Opened>,
+    dialect: Dialect,
+) -> Result<Loaded, Outcome> {
+    let mut sources = Sources::default();
+    let fail = |sources: &Sources, problem: Box<Problem>| match problem.restart {
+        true => Outcome::Restart,
+        false => Outcome::Failed(sources.error(&problem)),
+    };
+    let (lexer, path, directory) = open(&mut sources).map_err(|problem| fail(&sources, problem))?;
+    let mut parser = Parser::new(lexer, path.as_deref(), &directory);
+    let mut builder = Builder::new(dialect, directory);
+    loop {
+        match parser.next(&mut sources) {
+            Ok(Some(statement)) => {
+                let result = builder.statement(statement, parser.directory());
+                result.map_err(|problem| fail(&sources, parser.trace(problem)))?;
+            }
+            Ok(None) => break,
+            Err(problem) => return Err(fail(&sources, parser.trace(problem))),
+        }
+    }
+    let finished = builder.finish().map_err(|problem| fail(&sources, problem))?;
+    let warnings =
+        finished.warnings.iter().map(|problem| sources.render(problem, Severity::Warning)).collect();
+    sources.inputs.extend(finished.inputs);
+    Ok(Loaded { scene: finished.scene, warnings, inputs: sources.inputs })
+}

@@ -1,0 +1,189 @@
+//! Lights, and the emission of surfaces.
+//!
+//! Units follow pbrt-v4: a light with `rgb L [1 1 1]` has radiance 1 in every channel, spectra are scaled to
+//! luminance 1, and `scale` multiplies. See [`crate::pbrt`]'s spectra for v3.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use crate::pbrt::error::{Problem, Result, Span};
+use crate::pbrt::graphics_state::AreaLight;
+use crate::pbrt::parameters::{ParameterType, Parameters};
+use crate::pbrt::parser::Name;
+use crate::pbrt::spectra::Rgb64;
+use crate::scene::{Emission, Light};
+
+use super::values::rgb32;
+use super::{Builder, unknown_kind, unsupported_kind};
+
+const KNOWN: [&str; 4] = ["infinite", "point", "spot", "distant"];
+
+impl Builder {
+    /// `AreaLightSource`: the emission of the following shapes.
+    pub(super) fn area_light(&mut self, kind: &Name, parameters: &Parameters, span: Span) -> Result<()> {
+        match kind.text.as_str() {
+            "diffuse" => {}
+            "area" => self.dialect.saw_v3(kind.span)?,
+            _ => return Err(unknown_kind("area light", kind, &["diffuse"])),
+        }
+        refuse(parameters, "filename", "pictures on area lights are not supported")?;
+        let radiance = self.light_color(parameters, "L")?;
+        let emission = Emission {
+            radiance: rgb32(radiance, parameters, "L")?,
+            power: power(parameters)?,
+            two_sided: parameters.bool_or("twosided", false)?,
+        };
+        parameters.accept(&["samples", "nsamples"]);
+        self.check_unused(parameters, "area light \"diffuse\"")?;
+        self.state.area_light = Some(AreaLight { emission, span });
+        Ok(())
+    }
+
+    /// `LightSource`.
+    pub(super) fn light(&mut self, kind: &Name, parameters: &Parameters, span: Span) -> Result<()> {
+        let light = match kind.text.as_str() {
+            "infinite" | "exinfinite" => self.infinite(parameters)?,
+            "point" => self.point(parameters, span)?,
+            "spot" => self.spot(parameters, span)?,
+            "distant" => self.distant(parameters, span)?,
+            "projection" | "goniometric" => return Err(unsupported_kind("light", kind, &KNOWN)),
+            _ => return Err(unknown_kind("light", kind, &KNOWN)),
+        };
+        parameters.accept(&["samples", "nsamples"]);
+        self.check_unused(parameters, &format!("light \"{}\"", kind.text))?;
+        // A dark light would be sampled in vain.
+        if !is_dark(&light) {
+            self.scene.lights.push(light);
+        }
+        Ok(())
+    }
+
+    /// The spectrum of this name (white if missing) times `scale`.
+    fn light_color(&mut self, parameters: &Parameters, name: &'static str) -> Result<Rgb64> {
+        let color = self.light_spectrum(parameters, name)?.unwrap_or([1.0; 3]);
+        // v3's scale is a colour.
+        let scale = match parameters.find("scale").map(|p| p.ty) {
+            None | Some(ParameterType::Float) => [parameters.float_or("scale", 1.0)?; 3],
+            Some(_) => self.surface_spectrum(parameters, "scale")?.unwrap_or([1.0; 3]),
+        };
+        if scale.iter().any(|&s| s < 0.0) {
+            return Err(parameters.bad("scale", "negative", "expected a number that is not negative"));
+        }
+        Ok(std::array::from_fn(|i| color[i] * scale[i]))
+    }
+
+    fn infinite(&mut self, parameters: &Parameters) -> Result<Light> {
+        for name in ["filename", "mapname"] {
+            refuse(parameters, name, "environment maps are not supported yet")?;
+        }
+        refuse(parameters, "portal", "portals are not supported")?;
+        let radiance = self.light_color(parameters, "L")?;
+        // Radiance L from all sides gives the irradiance pi L.
+        let factor = positive(parameters, "illuminance")?.map_or(1.0, |illuminance| illuminance / PI);
+        Ok(Light::Infinite { radiance: rgb32(radiance.map(|c| c * factor), parameters, "L")? })
+    }
+
+    fn point(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
+        let factor = positive(parameters, "power")?.map_or(1.0, |power| power / (4.0 * PI));
+        let intensity = self.light_color(parameters, "I")?.map(|c| c * factor);
+        let from = parameters.point3("from")?.unwrap_or([0.0; 3]);
+        let position = self.world_point(from, span)?;
+        Ok(Light::Point { intensity: rgb32(intensity, parameters, "I")?, position })
+    }
+
+    fn spot(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
+        let (position, direction) = self.aim(parameters, span)?;
+        let cone = parameters.float_or("coneangle", 30.0)?;
+        let delta = parameters.float_or("conedeltaangle", 5.0)?;
+        if !(cone > 0.0 && cone <= 180.0) {
+            return Err(parameters.bad(
+                "coneangle",
+                &cone.to_string(),
+                "expected degrees above 0, at most 180",
+            ));
+        }
+        if !(0.0..=cone).contains(&delta) {
+            return Err(parameters.bad(
+                "conedeltaangle",
+                &delta.to_string(),
+                "expected degrees from 0 to the cone's angle",
+            ));
+        }
+        let cos_total_width = cone.to_radians().cos();
+        let cos_falloff_start = (cone - delta).to_radians().cos();
+        // Integral of the profile over directions, as pbrt-v4 takes it.
+        let solid_angle =
+            2.0 * PI * ((1.0 - cos_falloff_start) + (cos_falloff_start - cos_total_width) / 2.0);
+        let factor = positive(parameters, "power")?.map_or(1.0, |power| power / solid_angle);
+        let intensity = self.light_color(parameters, "I")?.map(|c| c * factor);
+        Ok(Light::Spot {
+            intensity: rgb32(intensity, parameters, "I")?,
+            position,
+            direction,
+            cos_falloff_start,
+            cos_total_width,
+        })
+    }
+
+    fn distant(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
+        let (_, direction) = self.aim(parameters, span)?;
+        let factor = positive(parameters, "illuminance")?.unwrap_or(1.0);
+        let radiance = self.light_color(parameters, "L")?.map(|c| c * factor);
+        Ok(Light::Distant { radiance: rgb32(radiance, parameters, "L")?, direction })
+    }
+
+    /// World position of `from`, and unit vector from there to `to`.
+    fn aim(&mut self, parameters: &Parameters, span: Span) -> Result<(DVec3, DVec3)> {
+        let from = DVec3::from_array(parameters.point3("from")?.unwrap_or([0.0; 3]));
+        let to = DVec3::from_array(parameters.point3("to")?.unwrap_or([0.0, 0.0, 1.0]));
+        let ctm = self.static_ctm(span)?;
+        let direction = ctm.transform_vector3(to - from).try_normalize().ok_or_else(|| {
+            Problem::at(span, "the light has no direction")
+                .label("expected different points \"from\" and \"to\"")
+        })?;
+        Ok((self.world_point(from.to_array(), span)?, direction))
+    }
+
+    fn world_point(&self, point: [f64; 3], span: Span) -> Result<DVec3> {
+        let position = self.static_ctm(span)?.transform_point3(DVec3::from_array(point));
+        if position.as_vec3().is_finite() {
+            return Ok(position);
+        }
+        Err(Problem::at(span, "the light is too far away").label("expected coordinates below 3e38"))
+    }
+}
+
+fn is_dark(light: &Light) -> bool {
+    match light {
+        Light::Infinite { radiance } | Light::Distant { radiance, .. } => *radiance == [0.0; 3],
+        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => *intensity == [0.0; 3],
+    }
+}
+
+/// A number that counts if it is above 0; pbrt ignores others.
+fn positive(parameters: &Parameters, name: &'static str) -> Result<Option<f64>> {
+    Ok(parameters.float(name)?.filter(|value| *value > 0.0))
+}
+
+/// The power of an area light, which is applied where its area is known.
+fn power(parameters: &Parameters) -> Result<Option<f32>> {
+    let power = positive(parameters, "power")?.map(|power| power as f32);
+    match power {
+        Some(value) if !value.is_finite() => {
+            Err(parameters.bad("power", "too large", "expected a number below 3e38"))
+        }
+        _ => Ok(power),
+    }
+}
+
+/// Complains about a parameter that is given and has any effect.
+fn refuse(parameters: &Parameters, name: &str, message: &str) -> Result<()> {
+    match parameters.given(name) {
+        Some(parameter) if parameter.strings() != [""] => {
+            Err(Problem::at(parameter.span, format!("\"{name}\": {message}"))
+                .label("expected a light without it"))
+        }
+        _ => Ok(()),
+    }
+}

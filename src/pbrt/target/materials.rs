@@ -1,0 +1,493 @@
+//! Materials.
+
+use std::collections::HashMap;
+
+use crate::pbrt::error::{Place, Problem, Result, Span};
+use crate::pbrt::lexer::shorten;
+use crate::pbrt::parameters::{ParameterType, Parameters};
+use crate::pbrt::parser::Name;
+use crate::pbrt::spectra::{self, Named, Rgb64};
+use crate::pbrt::suggest::did_you_mean;
+use crate::scene::{Material, MaterialId, SceneDescription};
+
+use super::values::{SpectrumValue, rgb32};
+use super::{Builder, unknown_kind, unsupported_kind};
+
+/// pbrt's `EffectivelySmooth`: below it a surface is smooth.
+const SMOOTH: f64 = 1e-3;
+
+const SUPPORTED: [&str; 8] =
+    ["diffuse", "conductor", "dielectric", "thindielectric", "matte", "mirror", "metal", "glass"];
+
+const UNSUPPORTED: [&str; 16] = [
+    "coateddiffuse",
+    "coatedconductor",
+    "diffusetransmission",
+    "subsurface",
+    "hair",
+    "measured",
+    "interface",
+    "",
+    "none",
+    "translucent",
+    "disney",
+    "fourier",
+    "kdsubsurface",
+    "plastic",
+    "substrate",
+    "uber",
+];
+
+/// Materials by handle and by name. A name may be used before it is defined, as in pbrt-v4.
+#[derive(Default)]
+pub(super) struct MaterialTable {
+    slots: Vec<Slot>,
+    names: HashMap<String, MaterialId>,
+    /// Handles by content: exporters repeat materials for every shape.
+    known: HashMap<String, MaterialId>,
+}
+
+enum Slot {
+    Defined(Material),
+    /// Used, but not defined so far.
+    Pending {
+        name: String,
+        span: Span,
+    },
+}
+
+impl MaterialTable {
+    fn add(&mut self, slot: Slot) -> MaterialId {
+        self.slots.push(slot);
+        MaterialId(self.slots.len() as u32 - 1)
+    }
+
+    /// The handle of a material.
+    pub(super) fn intern(&mut self, material: Material) -> MaterialId {
+        // The printed form of a float tells every value apart.
+        let key = format!("{material:?}");
+        if let Some(id) = self.known.get(&key) {
+            return *id;
+        }
+        let id = self.add(Slot::Defined(material));
+        self.known.insert(key, id);
+        id
+    }
+
+    /// The handle that a name stands for.
+    pub(super) fn named(&mut self, name: &Name) -> MaterialId {
+        if let Some(id) = self.names.get(&name.text) {
+            return *id;
+        }
+        let id = self.add(Slot::Pending { name: name.text.clone(), span: name.span });
+        self.names.insert(name.text.clone(), id);
+        id
+    }
+
+    fn by_name(&self, name: &str) -> Option<Material> {
+        match self.slots[self.names.get(name)?.0 as usize] {
+            Slot::Defined(material) => Some(material),
+            Slot::Pending { .. } => None,
+        }
+    }
+
+    /// Whether the name was defined (being used is not enough).
+    fn is_defined(&self, name: &str) -> bool {
+        self.by_name(name).is_some()
+    }
+
+    fn define(&mut self, name: String, material: Material) {
+        match self.names.get(&name) {
+            Some(id) if matches!(self.slots[id.0 as usize], Slot::Pending { .. }) => {
+                self.slots[id.0 as usize] = Slot::Defined(material);
+            }
+            // v3 redefines names; shapes before keep the former material.
+            _ => {
+                let id = self.intern(material);
+                self.names.insert(name, id);
+            }
+        }
+    }
+
+    /// Moves the materials that shapes use into the scene.
+    pub(super) fn finish(&self, scene: &mut SceneDescription) -> Result<()> {
+        let mut new_ids: Vec<Option<MaterialId>> = vec![None; self.slots.len()];
+        for shape in &mut scene.shapes {
+            let old = shape.material.0 as usize;
+            let id = match new_ids[old] {
+                Some(id) => id,
+                None => {
+                    scene.materials.push(self.defined(old)?);
+                    let id = MaterialId(scene.materials.len() as u32 - 1);
+                    new_ids[old] = Some(id);
+                    id
+                }
+            };
+            shape.material = id;
+        }
+        Ok(())
+    }
+
+    fn defined(&self, index: usize) -> Result<Material> {
+        match &self.slots[index] {
+            Slot::Defined(material) => Ok(*material),
+            Slot::Pending { name, span } => {
+                let known: Vec<&str> =
+                    self.names.keys().filter(|name| self.is_defined(name)).map(String::as_str).collect();
+                Err(Problem::at(*span, format!("unknown material \"{}\"", shorten(name)))
+                    .label(format!("expected the name of a MakeNamedMaterial{}", did_you_mean(name, &known))))
+            }
+        }
+    }
+}
+
+impl Builder {
+    /// `Material "kind" ...`
+    pub(super) fn material(&mut self, kind: &Name, parameters: &Parameters) -> Result<()> {
+        let material = self.read_material(kind, parameters)?;
+        self.state.material = self.materials.intern(material);
+        Ok(())
+    }
+
+    /// `MakeNamedMaterial "name" "string type" "kind" ...`
+    pub(super) fn make_named_material(&mut self, name: Name, parameters: &Parameters) -> Result<()> {
+        let Some(text) = parameters.string("type")? else {
+            return Err(Problem::at(name.span, "material without \"string type\"")
+                .label("expected \"string type\" with the kind of material"));
+        };
+        let span = parameters.find("type").map_or(name.span, |p| p.values_span);
+        let kind = Name { text: text.to_string(), span };
+        let material = self.read_material(&kind, parameters)?;
+        if self.materials.is_defined(&name.text) {
+            let problem =
+                Problem::at(name.span, format!("material \"{}\" is defined twice", shorten(&name.text)));
+            if !self.dialect.is_v3() {
+                return Err(problem);
+            }
+            self.warn(problem);
+        }
+        self.materials.define(name.text, material);
+        Ok(())
+    }
+
+    fn read_material(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
+        self.refuse_bumps(parameters)?;
+        if matches!(
+            kind.text.as_str(),
+            "matte" | "mirror" | "metal" | "glass" | "plastic" | "substrate" | "uber"
+        ) {
+            self.dialect.saw_v3(kind.span)?;
+        }
+        let material = match kind.text.as_str() {
+            "diffuse" => self.diffuse(parameters, "reflectance")?,
+            "matte" => self.diffuse(parameters, "Kd")?,
+            "conductor" => self.conductor(parameters)?,
+            "metal" => self.metal(parameters)?,
+            "mirror" => self.mirror(kind, parameters)?,
+            "dielectric" => self.dielectric(parameters)?,
+            "glass" => self.glass(parameters)?,
+            "thindielectric" => {
+                Material::ThinDielectric { eta: self.index_of_refraction(parameters, "eta")? }
+            }
+            "mix" => self.mix(kind, parameters)?,
+            "plastic" | "substrate" | "uber" => self.matte_in_disguise(kind, parameters)?,
+            other if UNSUPPORTED.contains(&other) => {
+                return Err(unsupported_kind("material", kind, &SUPPORTED));
+            }
+            _ => {
+                let known: Vec<&str> =
+                    SUPPORTED.into_iter().chain(UNSUPPORTED).filter(|n| !n.is_empty()).collect();
+                let problem = unknown_kind("material", kind, &known);
+                return Err(problem.label(format!(
+                    "expected one of {}{}",
+                    SUPPORTED.join(", "),
+                    did_you_mean(&kind.text, &known)
+                )));
+            }
+        };
+        self.check_unused(parameters, &format!("material \"{}\"", kind.text))?;
+        Ok(material)
+    }
+
+    /// A reflectance, clamped to [0, 1] as pbrt does.
+    fn reflectance(&mut self, parameters: &Parameters, name: &'static str, default: f64) -> Result<Rgb64> {
+        let Some(value) = self.surface_spectrum(parameters, name)? else {
+            return Ok([default; 3]);
+        };
+        let clamped = value.map(|c| c.clamp(0.0, 1.0));
+        if clamped != value {
+            let found = format!("outside [0, 1]: {} {} {}", value[0], value[1], value[2]);
+            self.warn(parameters.bad(name, &found, "it is clamped"));
+        }
+        Ok(clamped)
+    }
+
+    fn diffuse(&mut self, parameters: &Parameters, name: &'static str) -> Result<Material> {
+        let reflectance = self.reflectance(parameters, name, 0.5)?.map(|c| c as f32);
+        let sigma = self.float_texture(parameters, "sigma")?.unwrap_or(0.0);
+        if !(0.0..=90.0).contains(&sigma) {
+            return Err(parameters.bad("sigma", &sigma.to_string(), "expected 0 to 90 degrees"));
+        }
+        Ok(Material::Diffuse { reflectance, sigma: sigma as f32 })
+    }
+
+    fn conductor(&mut self, parameters: &Parameters) -> Result<Material> {
+        let alpha = self.alpha(parameters, 0.0, sqrt_remap)?;
+        if parameters.find("reflectance").is_some() {
+            if parameters.find("eta").is_some() || parameters.find("k").is_some() {
+                return Err(Problem::new(
+                    parameters.find("reflectance").map_or(Place::Nowhere, |p| Place::Span(p.span)),
+                    "\"reflectance\" together with \"eta\" or \"k\"",
+                )
+                .label("expected either the reflectance or the optical constants"));
+            }
+            let reflectance = self.reflectance(parameters, "reflectance", 1.0)?;
+            return Ok(conductor_of_reflectance(reflectance, alpha));
+        }
+        self.optical_constants(parameters, alpha)
+    }
+
+    fn optical_constants(&mut self, parameters: &Parameters, alpha: [f32; 2]) -> Result<Material> {
+        let mut constants = [[0.0f32; 3]; 2];
+        for (constant, (name, default)) in
+            constants.iter_mut().zip([("eta", "metal-Cu-eta"), ("k", "metal-Cu-k")])
+        {
+            let value = match self.surface_spectrum(parameters, name)? {
+                Some(value) => value,
+                None => match spectra::named(default) {
+                    Some(Named::Metal(value)) => value,
+                    _ => [1.0; 3],
+                },
+            };
+            let too_small = |c: f64| c < 0.0 || (c == 0.0 && name == "eta");
+            if value.into_iter().any(too_small) {
+                return Err(parameters.bad(name, "not positive", "expected numbers above 0"));
+            }
+            *constant = rgb32(value, parameters, name)?;
+        }
+        Ok(Material::Conductor { eta: constants[0], k: constants[1], alpha })
+    }
+
+    /// v3's metal: like a conductor, but always rough, and with another scale of roughness.
+    fn metal(&mut self, parameters: &Parameters) -> Result<Material> {
+        let alpha = self.alpha(parameters, 0.01, v3_remap)?.map(|alpha| alpha.max(1e-3));
+        self.optical_constants(parameters, alpha)
+    }
+
+    fn mirror(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
+        self.warn(
+            Problem::at(kind.span, "material \"mirror\" is rendered as a conductor")
+                .label("of the same reflectance at normal incidence"),
+        );
+        let reflectance = self.reflectance(parameters, "Kr", 0.9)?;
+        Ok(conductor_of_reflectance(reflectance, [0.0; 2]))
+    }
+
+    fn dielectric(&mut self, parameters: &Parameters) -> Result<Material> {
+        self.refuse_roughness(parameters, sqrt_remap)?;
+        let eta = self.index_of_refraction(parameters, "eta")?;
+        Ok(Material::Dielectric { eta, reflectance: [1.0; 3], transmittance: [1.0; 3] })
+    }
+
+    fn glass(&mut self, parameters: &Parameters) -> Result<Material> {
+        self.refuse_roughness(parameters, v3_remap)?;
+        let name = if parameters.find("eta").is_some() { "eta" } else { "index" };
+        let eta = self.index_of_refraction(parameters, name)?;
+        let reflectance = self.reflectance(parameters, "Kr", 1.0)?.map(|c| c as f32);
+        let transmittance = self.reflectance(parameters, "Kt", 1.0)?.map(|c| c as f32);
+        Ok(Material::Dielectric { eta, reflectance, transmittance })
+    }
+
+    fn refuse_roughness(&mut self, parameters: &Parameters, remap: fn(f64) -> f64) -> Result<()> {
+        // v3's glass is smooth where the roughness is 0, whatever the remapping says of 0.
+        if self.roughness(parameters, 0.0)? == [0.0; 2] {
+            parameters.accept(&["remaproughness"]);
+            return Ok(());
+        }
+        if self.alpha(parameters, 0.0, remap)? == [0.0; 2] {
+            return Ok(());
+        }
+        let name = ["roughness", "uroughness", "vroughness"]
+            .into_iter()
+            .find(|name| parameters.find(name).is_some())
+            .unwrap_or("roughness");
+        Err(parameters.bad(name, "not 0", "expected 0: rough dielectrics are not supported yet"))
+    }
+
+    fn roughness(&mut self, parameters: &Parameters, default: f64) -> Result<[f64; 2]> {
+        let both = self.float_texture(parameters, "roughness")?.unwrap_or(default);
+        let mut values = [both; 2];
+        for (value, name) in values.iter_mut().zip(["uroughness", "vroughness"]) {
+            if let Some(own) = self.float_texture(parameters, name)? {
+                *value = own;
+            }
+            if *value < 0.0 {
+                let name = if parameters.find(name).is_some() { name } else { "roughness" };
+                return Err(parameters.bad(
+                    name,
+                    &value.to_string(),
+                    "expected a number that is not negative",
+                ));
+            }
+        }
+        Ok(values)
+    }
+
+    /// GGX alpha along u and v; `[0, 0]` where pbrt treats the surface as smooth.
+    fn alpha(&mut self, parameters: &Parameters, default: f64, remap: fn(f64) -> f64) -> Result<[f32; 2]> {
+        let roughness = self.roughness(parameters, default)?;
+        let alpha =
+            if parameters.bool_or("remaproughness", true)? { roughness.map(remap) } else { roughness };
+        if alpha[0].max(alpha[1]) < SMOOTH {
+            return Ok([0.0; 2]);
+        }
+        Ok(alpha.map(|alpha| alpha.clamp(1e-4, 1e4) as f32))
+    }
+
+    /// Index of refraction of a dielectric: a number, or a glass at the yellow line.
+    fn index_of_refraction(&mut self, parameters: &Parameters, name: &'static str) -> Result<f32> {
+        use ParameterType::{Float, Spectrum, Texture};
+        let Some(parameter) = parameters.typed(name, &[Float, Spectrum, Texture])? else {
+            return Ok(1.5);
+        };
+        let eta = if parameter.ty == Spectrum {
+            let (eta, disperses) = match self.spectrum(parameter)? {
+                SpectrumValue::Named(Named::Glass(eta)) => (eta, true),
+                SpectrumValue::Named(_) => {
+                    return Err(parameter
+                        .problem("not the spectrum of a glass")
+                        .label("expected a name such as glass-BK7"));
+                }
+                // The sodium line, 589 nm, to which indices refer.
+                SpectrumValue::Sampled(sampled) => {
+                    let range = [sampled.index_at(400.0), sampled.index_at(700.0)];
+                    (sampled.index_at(589.0), range[0] != range[1])
+                }
+            };
+            if disperses {
+                let text =
+                    format!("dispersion is ignored: the index of refraction is {eta:.4} for all colours");
+                self.warn(parameter.problem(text));
+            }
+            eta
+        } else {
+            self.float_texture(parameters, name)?.unwrap_or(1.5)
+        };
+        if eta > 0.0 && (eta as f32).is_finite() && eta as f32 > 0.0 {
+            return Ok(eta as f32);
+        }
+        Err(parameters.bad(name, &eta.to_string(), "expected an index of refraction above 0"))
+    }
+
+    /// A mixture is supported where it is none: of equal materials, or with one of them only.
+    fn mix(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
+        let names: Vec<(String, Place)> = match parameters.typed("materials", &[ParameterType::String])? {
+            Some(list) => {
+                list.strings().iter().enumerate().map(|(i, s)| (s.clone(), list.place(i))).collect()
+            }
+            None => {
+                let mut names = Vec::new();
+                for name in ["namedmaterial1", "namedmaterial2"] {
+                    let Some(text) = parameters.string(name)? else {
+                        continue;
+                    };
+                    names.push((
+                        text.to_string(),
+                        parameters.find(name).map_or(Place::Nowhere, |p| p.place(0)),
+                    ));
+                }
+                names
+            }
+        };
+        let [first, second] = &names[..] else {
+            return Err(Problem::at(kind.span, "material \"mix\" without two materials")
+                .label("expected \"string materials\" with two names"));
+        };
+        let mut found = [Material::ThinDielectric { eta: 1.0 }; 2];
+        for (material, (name, place)) in found.iter_mut().zip([first, second]) {
+            *material = self.materials.by_name(name).ok_or_else(|| {
+                Problem::new(place.clone(), format!("unknown material \"{}\"", shorten(name)))
+                    .label("expected one that is defined before")
+            })?;
+        }
+        // v4's amount is the share of the second material, v3's of the first.
+        let v3 = parameters.find("materials").is_none();
+        let amount = match parameters.find("amount").map(|p| p.ty) {
+            Some(ParameterType::Float) => self.float_texture(parameters, "amount")?,
+            Some(_) => self
+                .surface_spectrum(parameters, "amount")
+                .ok()
+                .flatten()
+                .and_then(|[r, g, b]| (r == g && g == b).then_some(r)),
+            None => Some(0.5),
+        };
+        match amount {
+            _ if found[0] == found[1] => Ok(found[0]),
+            Some(amount) if amount == 0.0 || amount == 1.0 => Ok(found[usize::from((amount == 1.0) != v3)]),
+            _ => Err(unsupported_kind("material", kind, &SUPPORTED)
+                .label("expected equal materials: true mixtures are not supported")),
+        }
+    }
+
+    /// v3's layered materials are matte where everything but `Kd` is switched off; otherwise they are not supported.
+    fn matte_in_disguise(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
+        let uber = kind.text == "uber";
+        let specular = if kind.text == "substrate" { 0.5 } else { 0.25 };
+        let mut glossy = self.surface_spectrum(parameters, "Ks")?.unwrap_or([specular; 3]) != [0.0; 3];
+        if uber {
+            glossy |= self.surface_spectrum(parameters, "Kr")?.unwrap_or([0.0; 3]) != [0.0; 3];
+            glossy |= self.surface_spectrum(parameters, "Kt")?.unwrap_or([0.0; 3]) != [0.0; 3];
+            glossy |= self.surface_spectrum(parameters, "opacity")?.unwrap_or([1.0; 3]) != [1.0; 3];
+            parameters.accept(&["eta", "index"]);
+        }
+        if glossy || kind.text == "substrate" {
+            return Err(unsupported_kind("material", kind, &SUPPORTED));
+        }
+        parameters.accept(&["roughness", "uroughness", "vroughness", "remaproughness"]);
+        let reflectance = self.reflectance(parameters, "Kd", 0.25)?.map(|c| c as f32);
+        Ok(Material::Diffuse { reflectance, sigma: 0.0 })
+    }
+}
+
+/// pbrt-v4: alpha = sqrt(roughness).
+fn sqrt_remap(roughness: f64) -> f64 {
+    roughness.sqrt()
+}
+
+/// pbrt-v3's `TrowbridgeReitzDistribution::RoughnessToAlpha`: a polynomial in the logarithm.
+fn v3_remap(roughness: f64) -> f64 {
+    let x = roughness.max(1e-3).ln();
+    1.62142 + x * (0.819955 + x * (0.1734 + x * (0.0171201 + x * 0.000640711)))
+}
+
+/// pbrt-v4: eta = 1 and k = 2 sqrt(r) / sqrt(1 - r) reflect r at normal incidence.
+fn conductor_of_reflectance(reflectance: Rgb64, alpha: [f32; 2]) -> Material {
+    let k = reflectance.map(|r| {
+        let r = r.clamp(0.0, 0.9999);
+        (2.0 * r.sqrt() / (1.0 - r).sqrt()) as f32
+    });
+    Material::Conductor { eta: [1.0; 3], k, alpha }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reflectance_is_met_at_normal_incidence() {
+        let Material::Conductor { eta, k, .. } = conductor_of_reflectance([0.0, 0.4, 0.9], [0.0; 2]) else {
+            panic!()
+        };
+        for (i, expected) in [0.0, 0.4, 0.9].into_iter().enumerate() {
+            let (n, k) = (f64::from(eta[i]), f64::from(k[i]));
+            let r = ((n - 1.0).powi(2) + k * k) / ((n + 1.0).powi(2) + k * k);
+            assert!((r - expected).abs() < 1e-6, "{r} {expected}");
+        }
+    }
+
+    #[test]
+    fn v3_roughness_maps_one_to_the_constant_term() {
+        assert_eq!(v3_remap(1.0), 1.62142);
+        assert!((v3_remap(0.01) - 0.1).abs() < 0.05);
+    }
+}

@@ -1,0 +1,402 @@
+//! Parameters that are colours, and textures. Only textures that are the same everywhere are supported: they are
+//! replaced by their value here.
+
+use std::collections::HashMap;
+
+use crate::pbrt::error::{Place, Problem, Result, Span};
+use crate::pbrt::lexer::{parse_number, shorten};
+use crate::pbrt::parameters::{Parameter, ParameterType, Parameters, Values};
+use crate::pbrt::parser::Name;
+use crate::pbrt::source::open_maybe_gzipped;
+use crate::pbrt::spectra::{self, Named, Rgb64, Sampled};
+use crate::pbrt::suggest::did_you_mean;
+
+use super::{Builder, unknown_kind};
+
+/// Largest file of a spectrum.
+const MAX_SPECTRUM_FILE: u64 = 16 << 20;
+
+/// Classes that pbrt has and wavepath lacks.
+const OTHER_CLASSES: [&str; 13] = [
+    "bilerp",
+    "checkerboard",
+    "directionmix",
+    "dots",
+    "fbm",
+    "imagemap",
+    "marble",
+    "ptex",
+    "windy",
+    "wrinkled",
+    "uv",
+    "checkerboard3d",
+    "bumpmap",
+];
+
+/// A texture: its value, or why it has none.
+#[derive(Clone, Debug)]
+pub(super) enum Texture<T> {
+    Constant(T),
+    /// An error where it is used: scenes define textures that nothing uses.
+    Unsupported {
+        class: String,
+        span: Span,
+    },
+}
+
+/// The textures by name; numbers and colours have separate names, as in pbrt.
+#[derive(Default)]
+pub(super) struct Textures {
+    float: HashMap<String, Texture<f64>>,
+    spectrum: HashMap<String, Texture<Rgb64>>,
+}
+
+fn look_up<T: Copy>(map: &HashMap<String, Texture<T>>, parameter: &Parameter, kind: &str) -> Result<T> {
+    parameter.single()?;
+    let text = &parameter.strings()[0];
+    match map.get(text) {
+        Some(Texture::Constant(value)) => Ok(*value),
+        Some(Texture::Unsupported { class, span }) => Err(parameter
+            .problem(format!("textures of class \"{}\" are not supported", shorten(class)))
+            .label("expected a constant texture or a value")
+            .note(Place::Span(*span), "the texture is defined here")),
+        None => {
+            let known: Vec<&str> = map.keys().map(String::as_str).collect();
+            Err(parameter
+                .problem(format!("unknown {kind} texture \"{}\"", shorten(text)))
+                .label(format!("expected one that is defined before{}", did_you_mean(text, &known))))
+        }
+    }
+}
+
+impl Builder {
+    /// A number that may be a texture.
+    pub(super) fn float_texture(&self, parameters: &Parameters, name: &'static str) -> Result<Option<f64>> {
+        let types = [ParameterType::Float, ParameterType::Texture];
+        let Some(parameter) = parameters.typed(name, &types)? else {
+            return Ok(None);
+        };
+        if parameter.ty == ParameterType::Texture {
+            return look_up(&self.textures.float, parameter, "float").map(Some);
+        }
+        parameter.single()?;
+        Ok(Some(parameter.numbers()[0]))
+    }
+
+    /// Colour of a surface's property.
+    pub(super) fn surface_spectrum(
+        &mut self,
+        parameters: &Parameters,
+        name: &'static str,
+    ) -> Result<Option<Rgb64>> {
+        use ParameterType::{Rgb, Spectrum, Texture, Xyz};
+        let Some(parameter) = parameters.typed(name, &[Rgb, Spectrum, Texture, Xyz])? else {
+            return Ok(None);
+        };
+        let value = match parameter.ty {
+            Texture => look_up(&self.textures.spectrum, parameter, "spectrum")?,
+            Spectrum => match self.spectrum(parameter)? {
+                SpectrumValue::Named(Named::Metal(rgb)) => rgb,
+                SpectrumValue::Named(Named::Glass(eta)) => [eta; 3],
+                SpectrumValue::Named(Named::WhiteLight) => {
+                    return Err(parameter.problem("the spectrum of a light for a surface"));
+                }
+                SpectrumValue::Sampled(sampled) => sampled.surface_rgb(),
+            },
+            _ => three(parameter)?,
+        };
+        Ok(Some(value))
+    }
+
+    /// Colour of a light.
+    pub(super) fn light_spectrum(
+        &mut self,
+        parameters: &Parameters,
+        name: &'static str,
+    ) -> Result<Option<Rgb64>> {
+        use ParameterType::{Blackbody, Rgb, Spectrum, Xyz};
+        let Some(parameter) = parameters.typed(name, &[Rgb, Blackbody, Spectrum, Xyz])? else {
+            return Ok(None);
+        };
+        let value = match parameter.ty {
+            Blackbody => self.blackbody(parameter)?,
+            Spectrum => match self.spectrum(parameter)? {
+                SpectrumValue::Named(Named::WhiteLight) => [1.0; 3],
+                SpectrumValue::Named(_) => {
+                    return Err(parameter.problem("the spectrum of a surface for a light"));
+                }
+                SpectrumValue::Sampled(sampled) => sampled.light_rgb(self.dialect.is_v3()),
+            },
+            _ => three(parameter)?,
+        };
+        match value.iter().position(|&c| c < 0.0) {
+            Some(index) => Err(Problem::new(parameter.place(index), format!("\"{name}\" is negative"))
+                .label("expected numbers that are not negative")),
+            None => Ok(Some(value)),
+        }
+    }
+
+    fn blackbody(&mut self, parameter: &Parameter) -> Result<Rgb64> {
+        let numbers = parameter.numbers();
+        let (kelvin, scale) = match *numbers {
+            [kelvin] => (kelvin, 1.0),
+            // v3: temperature and scale.
+            [kelvin, scale] => {
+                self.dialect.saw_v3(parameter.values_span)?;
+                (kelvin, scale)
+            }
+            _ => return Err(parameter.problem("a black body has one temperature")),
+        };
+        if !(1.0..=1e9).contains(&kelvin) {
+            return Err(parameter
+                .problem(format!("a temperature of {kelvin} K"))
+                .label("expected 1 to 1e9 kelvin"));
+        }
+        Ok(spectra::blackbody_rgb(kelvin, self.dialect.is_v3()).map(|c| c * scale))
+    }
+
+    /// A spectrum by name, file or samples.
+    pub(super) fn spectrum(&mut self, parameter: &Parameter) -> Result<SpectrumValue> {
+        match &parameter.values {
+            Values::Numbers(numbers) => {
+                let v3 = self.dialect.is_v3();
+                let sampled = Sampled::new(numbers, v3);
+                let bad = |label| parameter.problem("these samples are not a spectrum").label(label);
+                sampled.map(SpectrumValue::Sampled).map_err(bad)
+            }
+            Values::Strings(_) => {
+                parameter.single()?;
+                let name = &parameter.strings()[0];
+                match spectra::named(name) {
+                    Some(named) => Ok(SpectrumValue::Named(named)),
+                    None => self.spectrum_file(parameter, name),
+                }
+            }
+            _ => Err(parameter.problem("not a spectrum")),
+        }
+    }
+
+    fn spectrum_file(&mut self, parameter: &Parameter, name: &str) -> Result<SpectrumValue> {
+        let path = self.resolve(name);
+        if !path.is_file() {
+            let known = |prefix: &&str| name.starts_with(*prefix);
+            if spectra::UNSUPPORTED_PREFIXES.iter().any(known) {
+                let text = format!("spectrum \"{}\" is not supported", shorten(name));
+                return Err(parameter.problem(text).label("expected numbers instead"));
+            }
+            let names = spectra::NAMED.map(|(name, _)| name);
+            return Err(parameter.problem(format!("unknown spectrum \"{}\"", shorten(name))).label(format!(
+                "expected a file or one of {}{}",
+                names.join(", "),
+                did_you_mean(name, &names)
+            )));
+        }
+        self.inputs.push(path.clone());
+        let numbers = read_spectrum_file(&path)
+            .map_err(|(place, message)| {
+                Problem::new(Place::Other(format!("{}{place}", path.display())), message)
+            })
+            .map_err(|problem| problem.note(parameter.place(0), "the file is named here"))?;
+        let v3 = self.dialect.is_v3();
+        Sampled::new(&numbers, v3).map(SpectrumValue::Sampled).map_err(|label| {
+            Problem::new(Place::Other(path.display().to_string()), "the samples are not a spectrum")
+                .label(label)
+                .note(parameter.place(0), "the file is named here")
+        })
+    }
+
+    /// `Texture "name" "float|spectrum" "class" ...`
+    pub(super) fn texture(
+        &mut self,
+        name: Name,
+        value_type: &Name,
+        class: Name,
+        parameters: Parameters,
+    ) -> Result<()> {
+        let parameters = parameters.with_defaults(&self.state.defaults.texture);
+        let is_float = match value_type.text.as_str() {
+            "float" => true,
+            "spectrum" => false,
+            "color" => {
+                self.dialect.saw_v3(value_type.span)?;
+                false
+            }
+            _ => {
+                return Err(unknown_kind("type of texture", value_type, &["float", "spectrum"]));
+            }
+        };
+        self.check_redefinition(&name, is_float)?;
+        if OTHER_CLASSES.contains(&class.text.as_str()) {
+            let (text, span) = (class.text, name.span);
+            if is_float {
+                self.textures.float.insert(name.text, Texture::Unsupported { class: text, span });
+            } else {
+                self.textures.spectrum.insert(name.text, Texture::Unsupported { class: text, span });
+            }
+            return Ok(());
+        }
+        let what = format!("texture \"{}\"", shorten(&class.text));
+        if is_float {
+            let value = self.float_class(&class, &parameters);
+            let value = as_texture(value, &class, name.span)?;
+            self.textures.float.insert(name.text, value);
+        } else {
+            let value = self.spectrum_class(&class, &parameters);
+            let value = as_texture(value, &class, name.span)?;
+            self.textures.spectrum.insert(name.text, value);
+        }
+        self.check_unused(&parameters, &what)
+    }
+
+    /// An error in v4; in v3 the new texture takes the name.
+    fn check_redefinition(&mut self, name: &Name, is_float: bool) -> Result<()> {
+        let known = match is_float {
+            true => self.textures.float.contains_key(&name.text),
+            false => self.textures.spectrum.contains_key(&name.text),
+        };
+        if !known {
+            return Ok(());
+        }
+        let text = format!("texture \"{}\" is defined twice", shorten(&name.text));
+        let problem = Problem::at(name.span, text);
+        if !self.dialect.is_v3() {
+            return Err(problem.label("expected a new name"));
+        }
+        self.warn(problem.label("the last one counts"));
+        Ok(())
+    }
+
+    fn float_class(&mut self, class: &Name, parameters: &Parameters) -> Result<f64> {
+        match class.text.as_str() {
+            "constant" => Ok(self.float_texture(parameters, "value")?.unwrap_or(1.0)),
+            "scale" => {
+                let (a, b) = self.scale_names(parameters);
+                let a = self.float_texture(parameters, a)?.unwrap_or(1.0);
+                Ok(a * self.float_texture(parameters, b)?.unwrap_or(1.0))
+            }
+            "mix" => {
+                let a = self.float_texture(parameters, "tex1")?.unwrap_or(0.0);
+                let b = self.float_texture(parameters, "tex2")?.unwrap_or(1.0);
+                let amount = self.float_texture(parameters, "amount")?.unwrap_or(0.5);
+                Ok((1.0 - amount) * a + amount * b)
+            }
+            _ => Err(unknown_class(class)),
+        }
+    }
+
+    fn spectrum_class(&mut self, class: &Name, parameters: &Parameters) -> Result<Rgb64> {
+        match class.text.as_str() {
+            "constant" => Ok(self.surface_spectrum(parameters, "value")?.unwrap_or([1.0; 3])),
+            "scale" => {
+                let (a, b) = self.scale_names(parameters);
+                let a = self.surface_spectrum(parameters, a)?.unwrap_or([1.0; 3]);
+                // v4's "scale" is a number, v3's tex2 a colour.
+                let b = match b {
+                    "scale" => [self.float_texture(parameters, b)?.unwrap_or(1.0); 3],
+                    _ => self.surface_spectrum(parameters, b)?.unwrap_or([1.0; 3]),
+                };
+                Ok(std::array::from_fn(|i| a[i] * b[i]))
+            }
+            "mix" => {
+                let a = self.surface_spectrum(parameters, "tex1")?.unwrap_or([0.0; 3]);
+                let b = self.surface_spectrum(parameters, "tex2")?.unwrap_or([1.0; 3]);
+                let amount = self.float_texture(parameters, "amount")?.unwrap_or(0.5);
+                Ok(std::array::from_fn(|i| (1.0 - amount) * a[i] + amount * b[i]))
+            }
+            _ => Err(unknown_class(class)),
+        }
+    }
+
+    /// v4 scales `tex` by `scale`, v3 `tex1` by `tex2`.
+    fn scale_names(&self, parameters: &Parameters) -> (&'static str, &'static str) {
+        let v3 = parameters.find("tex1").is_some() || parameters.find("tex2").is_some();
+        if v3 { ("tex1", "tex2") } else { ("tex", "scale") }
+    }
+
+    /// Bump and normal maps change the picture; only a height that is constant does nothing.
+    pub(super) fn refuse_bumps(&self, parameters: &Parameters) -> Result<()> {
+        for name in ["displacement", "bumpmap"] {
+            let Some(parameter) = parameters.given(name) else {
+                continue;
+            };
+            let is_constant = parameter.ty == ParameterType::Texture
+                && look_up(&self.textures.float, parameter, "float").is_ok();
+            if !is_constant {
+                let text = format!("\"{name}\" is not supported");
+                return Err(Problem::at(parameter.span, text).label("expected a surface without bumps"));
+            }
+        }
+        match parameters.given("normalmap") {
+            Some(parameter) if parameter.strings() != [""] => {
+                Err(Problem::at(parameter.span, "\"normalmap\" is not supported")
+                    .label("expected a surface without a normal map"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A texture made of unsupported ones is unsupported itself, and no error until it is used.
+fn as_texture<T>(value: Result<T>, class: &Name, span: Span) -> Result<Texture<T>> {
+    match value {
+        Ok(value) => Ok(Texture::Constant(value)),
+        Err(problem) if problem.message.ends_with("are not supported") => {
+            Ok(Texture::Unsupported { class: class.text.clone(), span })
+        }
+        Err(problem) => Err(problem),
+    }
+}
+
+fn unknown_class(class: &Name) -> Box<Problem> {
+    let known: Vec<&str> = ["constant", "scale", "mix"].into_iter().chain(OTHER_CLASSES).collect();
+    unknown_kind("class of texture", class, &known)
+}
+
+fn three(parameter: &Parameter) -> Result<Rgb64> {
+    parameter.single()?;
+    let numbers = parameter.numbers();
+    let value = [numbers[0], numbers[1], numbers[2]];
+    Ok(if parameter.ty == ParameterType::Xyz {
+        spectra::rgb_from_xyz(value).map(|c| c.max(0.0))
+    } else {
+        value
+    })
+}
+
+/// A spectrum parameter's value.
+pub(super) enum SpectrumValue {
+    Named(Named),
+    Sampled(Sampled),
+}
+
+/// The numbers of a `.spd` file: wavelength and value alternating, `#` comments.
+fn read_spectrum_file(path: &std::path::Path) -> std::result::Result<Vec<f64>, (String, String)> {
+    use std::io::Read;
+    let mut bytes = Vec::new();
+    open_maybe_gzipped(path)
+        .and_then(|reader| reader.take(MAX_SPECTRUM_FILE).read_to_end(&mut bytes))
+        .map_err(|error| (String::new(), format!("cannot read the file: {error}")))?;
+    let mut numbers = Vec::new();
+    for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {
+        let line = line.split(|&b| b == b'#').next().unwrap_or(&[]);
+        for word in line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()) {
+            match parse_number(word) {
+                Some(number) if number.is_finite() => numbers.push(number),
+                _ => {
+                    let found = shorten(&String::from_utf8_lossy(word));
+                    return Err((format!(":{}", i + 1), format!("`{found}` is not a number")));
+                }
+            }
+        }
+    }
+    Ok(numbers)
+}
+
+/// Rounds to single precision; what overflows is an error at the parameter.
+pub(super) fn rgb32(value: Rgb64, parameters: &Parameters, name: &'static str) -> Result<[f32; 3]> {
+    let rounded = value.map(|c| c as f32);
+    if rounded.iter().all(|c| c.is_finite()) {
+        return Ok(rounded);
+    }
+    Err(parameters.bad(name, "too large for single precision", "expected numbers below 3e38"))
+}

@@ -1,0 +1,843 @@
+//! The scene reader from outside: good scenes give what they say, bad ones an error at the right place.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use glam::{DAffine3, DVec3};
+use wavepath::pbrt::{self, Error, Loaded};
+use wavepath::scene::{Filter, Geometry, Light, Material, Mesh, SamplerKind, SceneDescription, Shape};
+
+fn read(text: &str) -> Result<Loaded, Error> {
+    pbrt::load_str(text, "t.pbrt", Path::new("."))
+}
+
+fn scene(text: &str) -> SceneDescription {
+    match read(text) {
+        Ok(loaded) => loaded.scene,
+        Err(error) => panic!("{error}\nin:\n{text}"),
+    }
+}
+
+/// A scene of v4 with this inside the world.
+fn world(text: &str) -> SceneDescription {
+    scene(&format!("Film \"rgb\"\nWorldBegin\n{text}"))
+}
+
+fn failure(text: &str) -> Error {
+    match read(text) {
+        Ok(_) => panic!("no error for:\n{text}"),
+        Err(error) => error,
+    }
+}
+
+fn close(a: [f32; 3], b: [f64; 3]) {
+    let near = a.iter().zip(b).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5 * b.abs().max(1.0));
+    assert!(near, "{a:?} is not {b:?}");
+}
+
+/// A directory that is removed at the end of a test.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new(name: &str) -> Scratch {
+        let path = std::env::temp_dir().join(format!("wavepath-reader-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Scratch(path)
+    }
+
+    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+        let path = self.0.join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    fn write_gzipped(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        encoder.write_all(bytes).unwrap();
+        self.write(name, encoder.finish().unwrap())
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Uses most of the format.
+const EVERYTHING: &str = r#"
+# Options
+LookAt 0 1.7 -5  0 0.7 0  0 1 0
+Camera "perspective" "float fov" [ 42 ] "float lensradius" 0.1 "float focaldistance" [ 5 ]
+Sampler "zsobol" "integer pixelsamples" [ 64 ] "integer seed" 7
+Integrator "path" "integer maxdepth" [ 16 ]
+Film "rgb" "integer xresolution" [ 200 ] "integer yresolution" [ 100 ] "string filename" [ "a.exr" ]
+    "float cropwindow" [ 0.25 0.75 0 1 ]
+PixelFilter "box" "float xradius" [ 0.5 ] "float yradius" [ 0.5 ]
+WorldBegin
+LightSource "infinite" "rgb L" [ 0.35 0.4 0.5 ]
+LightSource "distant" "point3 from" [ 0 10 0 ] "point3 to" [ 0 0 0 ] "rgb L" [ 2 2 2 ]
+MakeNamedMaterial "al" "string type" [ "conductor" ] "spectrum eta" "metal-Al-eta" "spectrum k" "metal-Al-k"
+    "float roughness" [ 0.1 ] "bool remaproughness" false
+Texture "grey" "spectrum" "constant" "rgb value" [ .25 .25 .25 ]
+AttributeBegin
+  Material "diffuse" "texture reflectance" "grey" "float sigma" 20
+  Shape "trianglemesh" "integer indices" [ 0 1 2 0 2 3 ] "point3 P" [ -6 0 -6 -6 0 6 6 0 6 6 0 -6 ]
+    "normal N" [ 0 1 0 0 1 0 0 1 0 0 1 0 ] "point2 uv" [ 0 0 0 1 1 1 1 0 ]
+AttributeEnd
+AttributeBegin
+  NamedMaterial "al"
+  AreaLightSource "diffuse" "blackbody L" [ 6500 ] "float scale" 3 "bool twosided" true
+  ReverseOrientation
+  Translate -1.15 0.5 -0.2
+  Rotate 90 0 1 0
+  Scale 1 2 1
+  Shape "sphere" "float radius" [ 0.5 ]
+AttributeEnd
+ObjectBegin "tri"
+  Material "dielectric" "float eta" 1.3
+  Shape "bilinearmesh" "point3 P" [ 0 0 0  1 0 0  0 1 0  1 1 0 ]
+ObjectEnd
+Translate 0 3 0
+ObjectInstance "tri"
+Scale -1 1 1
+ObjectInstance "tri"
+Attribute "shape" "float radius" 0.25
+Shape "disk" "float height" 1
+"#;
+
+#[test]
+fn everything_is_understood() {
+    let loaded = read(EVERYTHING).unwrap();
+    assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
+    let scene = loaded.scene;
+    assert_eq!(scene.film.resolution, [200, 100]);
+    assert_eq!(scene.film.pixel_bounds, [50, 150, 0, 100]);
+    assert_eq!(scene.film.filename.as_deref(), Some("a.exr"));
+    assert_eq!(scene.filter, Filter::Box { radius: [0.5; 2] });
+    assert_eq!(scene.sampler.kind, SamplerKind::Sobol);
+    assert_eq!((scene.sampler.pixel_samples, scene.sampler.seed, scene.max_depth), (64, 7, 16));
+    assert_eq!(scene.camera.fov, 42.0);
+    assert!((scene.camera.world_from_camera.translation - DVec3::new(0.0, 1.7, -5.0)).length() < 1e-12);
+    let [Light::Infinite { .. }, Light::Distant { direction, .. }] = scene.lights[..] else { panic!() };
+    assert_eq!(direction, -DVec3::Y);
+    assert_eq!(scene.shapes.len(), 5);
+    assert_eq!(scene.materials.len(), 4);
+    let Geometry::Disk { radius, height, .. } = scene.shapes[4].geometry else { panic!() };
+    assert_eq!((radius, height), (0.25, 1.0));
+}
+
+#[test]
+fn attributes_are_saved_and_defaults_end_with_them() {
+    let scene = world(
+        "AttributeBegin Attribute \"shape\" \"float radius\" 3 Material \"conductor\"\n\
+         AreaLightSource \"diffuse\" Shape \"sphere\" AttributeEnd Shape \"sphere\"",
+    );
+    let radius = |shape: &Shape| match shape.geometry {
+        Geometry::Sphere { radius, .. } => radius,
+        _ => panic!(),
+    };
+    assert_eq!(scene.shapes.iter().map(radius).collect::<Vec<_>>(), [3.0, 1.0]);
+    assert!(scene.shapes[0].emission.is_some() && scene.shapes[1].emission.is_none());
+    assert!(matches!(scene.materials[0], Material::Conductor { .. }));
+    assert!(matches!(scene.materials[1], Material::Diffuse { reflectance: [0.5, 0.5, 0.5], .. }));
+}
+
+fn sphere_transform(text: &str) -> DAffine3 {
+    match world(&format!("{text}\nShape \"sphere\"")).shapes[0].geometry {
+        Geometry::Sphere { world_from_object, .. } => world_from_object,
+        _ => panic!(),
+    }
+}
+
+#[test]
+fn transforms_multiply_from_the_right() {
+    let probe = DVec3::new(1.0, 2.0, 3.0);
+    for (text, expected) in [
+        ("Translate 1 2 3 Scale 2 3 4", [3.0, 8.0, 15.0]),
+        ("Scale 2 3 4 Translate 1 2 3", [4.0, 12.0, 24.0]),
+        ("Rotate 90 1 0 0", [1.0, -3.0, 2.0]),
+        ("Translate 9 9 9 Transform [ 1 0 0 0  0 1 0 0  0 0 1 0  5 6 7 1 ]", [6.0, 8.0, 10.0]),
+        ("Translate 1 0 0 ConcatTransform [ 0 1 0 0  -1 0 0 0  0 0 1 0  0 0 0 1 ]", [-1.0, 1.0, 3.0]),
+        ("Translate 1 0 0 CoordinateSystem \"c\" Identity CoordSysTransform \"c\"", [2.0, 2.0, 3.0]),
+        ("TransformBegin Translate 1 0 0 TransformEnd", [1.0, 2.0, 3.0]),
+        ("ActiveTransform All Translate 1 0 0 TransformTimes 0 1", [2.0, 2.0, 3.0]),
+        (
+            "ActiveTransform StartTime Translate 1 0 0 ActiveTransform EndTime Translate 1 0 0",
+            [2.0, 2.0, 3.0],
+        ),
+    ] {
+        let found = sphere_transform(text).transform_point3(probe);
+        assert!((found - DVec3::from_array(expected)).length() < 1e-12, "{text}: {found}");
+    }
+}
+
+#[test]
+fn the_camera_has_its_coordinate_system() {
+    let text = "LookAt 0 0 -5 0 0 0 0 1 0 Camera \"perspective\" Film \"rgb\" WorldBegin\n\
+        CoordSysTransform \"camera\" Translate 0 0 1 Shape \"sphere\"";
+    let Geometry::Sphere { world_from_object, .. } = scene(text).shapes[0].geometry else { panic!() };
+    assert!((world_from_object.translation - DVec3::new(0.0, 0.0, -4.0)).length() < 1e-12);
+}
+
+const TRIANGLE: &str =
+    "Shape \"trianglemesh\" \"point3 P\" [ 0 0 0  1 0 0  0 1 0 ] \"normal3 N\" [ 0 0 1 0 1 1 0 0 2 ]";
+
+/// Normal of a mesh's first triangle as the description defines it.
+fn normal(scene: &SceneDescription, shape: &Shape) -> DVec3 {
+    let Geometry::Mesh(id) = shape.geometry else { panic!() };
+    let mesh: &Mesh = &scene.meshes[id.0 as usize];
+    let [a, b, c] = mesh.triangles[0].map(|i| DVec3::from_array(mesh.positions[i as usize].map(f64::from)));
+    let normal = (b - a).cross(c - a).normalize();
+    if shape.flip_normal { -normal } else { normal }
+}
+
+#[test]
+fn orientation_follows_pbrt() {
+    // A mirror flips the winding in the world and the flag, so that the normal is what the transform makes of it.
+    for (text, flip, expected) in [
+        ("", false, DVec3::Z),
+        ("ReverseOrientation", true, -DVec3::Z),
+        ("Scale -1 1 1", true, DVec3::Z),
+        ("Scale -1 1 1 ReverseOrientation", false, -DVec3::Z),
+        ("Scale 1 1 -1", true, -DVec3::Z),
+    ] {
+        let direct = world(&format!("{text}\n{TRIANGLE}"));
+        let instanced =
+            world(&format!("ObjectBegin \"o\"\n{text} {TRIANGLE}\nObjectEnd ObjectInstance \"o\""));
+        let outside = world(&format!(
+            "AttributeBegin\nObjectBegin \"o\" {TRIANGLE} ObjectEnd AttributeEnd\n{text}\nObjectInstance \"o\""
+        ));
+        for scene in [&direct, &instanced] {
+            assert_eq!(scene.shapes[0].flip_normal, flip, "{text}");
+            assert!((normal(scene, &scene.shapes[0]) - expected).length() < 1e-9, "{text}");
+        }
+        // The reversal at the instance is not the object's.
+        if !text.contains("Reverse") {
+            assert!((normal(&outside, &outside.shapes[0]) - expected).length() < 1e-9, "{text}");
+        }
+        let sphere = world(&format!("{text}\nShape \"sphere\""));
+        assert_eq!(sphere.shapes[0].flip_normal, flip, "{text}");
+    }
+    // A mirrored instance of a sphere still faces outwards: pbrt transforms its normal as a vector.
+    let mirrored = world("ObjectBegin \"o\" Shape \"sphere\" ObjectEnd Scale -1 1 1 ObjectInstance \"o\"");
+    assert!(!mirrored.shapes[0].flip_normal);
+    let reversed = world(&format!("ReverseOrientation Scale 1 2 1 {TRIANGLE}"));
+    assert_eq!(reversed.meshes[0].normals[0], [0.0, 0.0, -1.0]);
+    close(reversed.meshes[0].normals[1], [0.0, -0.5 / 1.25f64.sqrt(), -1.0 / 1.25f64.sqrt()]);
+}
+
+#[test]
+fn instances_are_copies_under_both_transforms() {
+    let scene = world(
+        "AttributeBegin Translate 1 0 0 ObjectBegin \"o\" Translate 0 1 0 Shape \"sphere\" ObjectEnd AttributeEnd\n\
+         Scale 2 2 2 ObjectInstance \"o\" Translate 0 0 1 ObjectInstance \"o\"",
+    );
+    let centre = |shape: &Shape| match shape.geometry {
+        Geometry::Sphere { world_from_object, .. } => world_from_object.translation,
+        _ => panic!(),
+    };
+    assert_eq!(centre(&scene.shapes[0]), DVec3::new(2.0, 2.0, 0.0));
+    assert_eq!(centre(&scene.shapes[1]), DVec3::new(2.0, 2.0, 2.0));
+}
+
+#[test]
+fn instances_may_stand_before_their_objects() {
+    let scene = world("ObjectInstance \"o\" ObjectBegin \"o\" Shape \"disk\" ObjectEnd");
+    assert_eq!(scene.shapes.len(), 1);
+}
+
+#[test]
+fn lights_inside_objects_are_dropped_with_a_warning() {
+    let loaded = read(
+        "Film \"rgb\" WorldBegin AreaLightSource \"diffuse\" Shape \"sphere\"\n\
+         ObjectBegin \"o\" Shape \"sphere\" ObjectEnd ObjectInstance \"o\"",
+    )
+    .unwrap();
+    assert!(loaded.scene.shapes[0].emission.is_some() && loaded.scene.shapes[1].emission.is_none());
+    assert_eq!(loaded.warnings.len(), 1);
+    assert!(loaded.warnings[0].message.contains("inside objects"));
+}
+
+#[test]
+fn degenerate_triangles_are_counted_once() {
+    let loaded = read(
+        "Film \"rgb\" WorldBegin LightSource \"infinite\"\n\
+         Shape \"trianglemesh\" \"integer indices\" [ 0 1 2 0 0 1 0 1 3 ] \"point3 P\" [ 0 0 0 1 0 0 0 1 0 2 0 0 ]\n\
+         Shape \"trianglemesh\" \"point3 P\" [ 0 0 0 1 1 1 2 2 2 ]",
+    )
+    .unwrap();
+    assert_eq!(loaded.scene.meshes.len(), 1);
+    assert_eq!(loaded.scene.meshes[0].triangles, [[0, 1, 2]]);
+    assert_eq!(loaded.warnings.len(), 1);
+    assert!(loaded.warnings[0].message.starts_with("3 degenerate triangles"));
+    assert_eq!(loaded.warnings[0].line(), 2);
+}
+
+#[test]
+fn materials_have_pbrts_defaults_and_remappings() {
+    let material = |text: &str| world(&format!("{text} Shape \"sphere\"")).materials[0];
+    let Material::Conductor { eta, k, alpha } = material("Material \"conductor\"") else { panic!() };
+    close(eta, [0.200438, 0.924033, 1.102212]);
+    close(k, [3.912949, 2.452848, 2.142188]);
+    assert_eq!(alpha, [0.0; 2]);
+    let Material::Conductor { eta, k, alpha } = material(
+        "Material \"conductor\" \"rgb reflectance\" [ .5 .9 1 ] \"float roughness\" .04 \"float vroughness\" .09",
+    ) else {
+        panic!()
+    };
+    close(eta, [1.0; 3]);
+    close(k, [2.0, 6.0, 2.0 * (0.9999f64 / 0.0001).sqrt()]);
+    assert_eq!(alpha, [0.2, 0.3]);
+    let tiny = material("Material \"conductor\" \"float roughness\" .0005 \"bool remaproughness\" false");
+    assert!(matches!(tiny, Material::Conductor { alpha: [0.0, 0.0], .. }));
+    let Material::Dielectric { eta, .. } = material("Material \"dielectric\"") else { panic!() };
+    assert_eq!(eta, 1.5);
+    let mixed = "MakeNamedMaterial \"a\" \"string type\" \"diffuse\" MakeNamedMaterial \"b\" \"string type\" \"diffuse\"\n";
+    let mixed = format!("{mixed} Material \"mix\" \"string materials\" [ \"a\" \"b\" ]");
+    assert!(matches!(material(&mixed), Material::Diffuse { .. }));
+    let constant =
+        "Material \"conductor\" \"spectrum eta\" [ 400 1.5 700 1.5 ] \"spectrum k\" [ 300 2 800 2 ]";
+    let Material::Conductor { eta, k, .. } = material(constant) else { panic!() };
+    assert_eq!((eta, k), ([1.5; 3], [2.0; 3]));
+    let forward = "NamedMaterial \"later\" Shape \"sphere\" MakeNamedMaterial \"later\" \"string type\" \"thindielectric\"";
+    assert_eq!(world(forward).materials, [Material::ThinDielectric { eta: 1.5 }]);
+}
+
+#[test]
+fn reflectances_and_dispersion_warn() {
+    let warnings = |text: &str| {
+        let text = format!("Film \"rgb\" WorldBegin LightSource \"infinite\" {text}");
+        read(&text).unwrap().warnings.into_iter().map(|w| w.message).collect::<Vec<_>>()
+    };
+    assert!(warnings("Material \"diffuse\" \"rgb reflectance\" [ 2 0 0 ]")[0].contains("outside [0, 1]"));
+    assert!(warnings("Material \"dielectric\" \"spectrum eta\" \"glass-BK7\"")[0].contains("1.5168"));
+    let twice = "Shape \"sphere\" \"float radius\" 1 \"float radius\" 2";
+    assert!(warnings(twice)[0].contains("given twice"));
+    assert!(read("Film \"rgb\" WorldBegin").unwrap().warnings[0].message.contains("no lights"));
+}
+
+#[test]
+fn lights_have_pbrts_units() {
+    let lights = world(
+        "LightSource \"infinite\" \"float illuminance\" 10 \"rgb L\" [ 1 2 3 ]\n\
+         LightSource \"point\" \"rgb I\" [ 1 1 1 ] \"float power\" 20 \"point3 from\" [ 1 2 3 ] \"float scale\" 2\n\
+         Translate 0 0 1\n\
+         LightSource \"spot\" \"float coneangle\" 60 \"float conedeltaangle\" 60 \"float power\" 3\n\
+         LightSource \"distant\" \"float illuminance\" 5 \"point3 from\" [ 0 0 5 ] \"point3 to\" [ 0 0 0 ]",
+    )
+    .lights;
+    let pi = std::f64::consts::PI;
+    let Light::Infinite { radiance } = lights[0] else { panic!() };
+    close(radiance, [10.0 / pi, 20.0 / pi, 30.0 / pi]);
+    let Light::Point { intensity, position } = lights[1] else { panic!() };
+    close(intensity, [2.0 * 20.0 / (4.0 * pi); 3]);
+    assert_eq!(position, DVec3::new(1.0, 2.0, 3.0));
+    let Light::Spot { intensity, position, direction, cos_falloff_start, cos_total_width } = lights[2] else {
+        panic!()
+    };
+    close(intensity, [3.0 / (2.0 * pi * 0.25); 3]);
+    assert_eq!((position, direction, cos_falloff_start), (DVec3::Z, DVec3::Z, 1.0));
+    assert!((cos_total_width - 0.5).abs() < 1e-12);
+    let Light::Distant { radiance, direction } = lights[3] else { panic!() };
+    close(radiance, [5.0; 3]);
+    assert_eq!(direction, -DVec3::Z);
+    let lamp =
+        world("AreaLightSource \"diffuse\" \"float power\" 60 \"rgb L\" [ 1 .5 .25 ] Shape \"sphere\"");
+    let emission = lamp.shapes[0].emission.unwrap();
+    assert_eq!(
+        (emission.power, emission.radiance, emission.two_sided),
+        (Some(60.0), [1.0, 0.5, 0.25], false)
+    );
+}
+
+#[test]
+fn dark_lights_are_left_out() {
+    let scene = world(
+        "LightSource \"point\" \"float scale\" 0 AreaLightSource \"diffuse\" \"rgb L\" [ 0 0 0 ] Shape \"sphere\"",
+    );
+    assert!(scene.lights.is_empty() && scene.shapes[0].emission.is_none());
+}
+
+#[test]
+fn spectra_come_from_files_and_names() {
+    let scratch = Scratch::new("spectra");
+    scratch.write("flat.spd", "# nm value\n400 2.5\n500 2.5 # middle\n700 2.5\n");
+    let main = |k: &str| {
+        let text =
+            format!("Film \"rgb\" WorldBegin Material \"conductor\" \"spectrum k\" \"{k}\" Shape \"sphere\"");
+        pbrt::load(&scratch.write("main.pbrt", text))
+    };
+    let loaded = main("flat.spd").unwrap();
+    assert!(matches!(loaded.scene.materials[0], Material::Conductor { k: [2.5, 2.5, 2.5], .. }));
+    assert_eq!(loaded.inputs.len(), 2);
+    scratch.write("flat.spd", "400 2.5\n500 zwei\n");
+    let error = main("flat.spd").unwrap_err().to_string();
+    assert!(error.contains("flat.spd:2: `zwei` is not a number"), "{error}");
+    let white = world("LightSource \"infinite\" \"spectrum L\" \"stdillum-D65\" \"float scale\" 3");
+    assert_eq!(white.lights, [Light::Infinite { radiance: [3.0; 3] }]);
+}
+
+#[test]
+fn v3_layers_that_are_switched_off_are_matte() {
+    let material =
+        |text: &str| scene(&format!("Film \"image\" WorldBegin {text} Shape \"sphere\"")).materials[0];
+    let expected = Material::Diffuse { reflectance: [0.5; 3], sigma: 0.0 };
+    assert_eq!(material("Material \"plastic\" \"rgb Kd\" [ .5 .5 .5 ] \"rgb Ks\" [ 0 0 0 ]"), expected);
+    assert_eq!(material("Material \"uber\" \"rgb Kd\" [ .5 .5 .5 ] \"rgb Ks\" [ 0 0 0 ]"), expected);
+    let error = failure("Film \"image\" WorldBegin Material \"uber\"");
+    assert!(error.message.contains("\"uber\" is not supported"));
+    let bumps = "Texture \"flat\" \"float\" \"constant\" Material \"matte\" \"texture bumpmap\" \"flat\"";
+    assert_eq!(material(bumps), expected);
+}
+
+#[test]
+fn textures_of_constants_are_constants() {
+    let scene = world(
+        "Texture \"a\" \"spectrum\" \"constant\" \"rgb value\" [ .5 .25 1 ]\n\
+         Texture \"b\" \"spectrum\" \"scale\" \"texture tex\" \"a\" \"float scale\" .5\n\
+         Texture \"c\" \"spectrum\" \"mix\" \"texture tex1\" \"a\" \"texture tex2\" \"b\" \"float amount\" .5\n\
+         Material \"diffuse\" \"texture reflectance\" \"c\" Shape \"sphere\"",
+    );
+    let Material::Diffuse { reflectance, .. } = scene.materials[0] else { panic!() };
+    close(reflectance, [0.375, 0.1875, 0.75]);
+}
+
+#[test]
+fn film_exposure_scales_light() {
+    let scene = scene(
+        "Film \"rgb\" \"float iso\" 200 \"float exposuretime\" 2 WorldBegin\n\
+         LightSource \"infinite\" \"rgb L\" [ 1 2 3 ] AreaLightSource \"diffuse\" Shape \"sphere\"",
+    );
+    assert_eq!(scene.lights, [Light::Infinite { radiance: [4.0, 8.0, 12.0] }]);
+    assert_eq!(scene.shapes[0].emission.unwrap().radiance, [4.0; 3]);
+}
+
+fn printed(scene: &SceneDescription) -> String {
+    format!("{scene:#?}")
+}
+
+/// A scene of v3.
+const V3: &str = r#"
+        LookAt 0 0 -5  0 0 0  0 1 0
+        Camera "perspective" "float halffov" 25
+        Film "image" "integer xresolution" [64] "integer yresolution" [32]
+        Sampler "halton" "integer pixelsamples" 4
+        Integrator "path" "integer maxdepth" 3
+        WorldBegin
+        AttributeBegin
+        AreaLightSource "area" "color L" [ 1 2 3 ] "bool twosided" "true" "integer nsamples" 4
+        Shape "trianglemesh" "integer indices" [ 0 1 2 ] "point P" [ 0 0 0 1 0 0 0 1 0 ]
+            "normal N" [ 0 0 1 0 0 1 0 0 1 ] "float st" [ 0 0 1 0 0 1 ]
+        AttributeEnd
+        Material "matte" "color Kd" [ .1 .2 .3 ] "float sigma" 10
+        Shape "sphere"
+        Material "mirror"
+        Shape "sphere"
+        Material "glass" "float index" 1.4
+        Shape "disk"
+        WorldEnd
+    "#;
+
+#[test]
+fn both_versions_of_a_scene_are_the_same() {
+    let v4 = r#"
+        LookAt 0 0 -5  0 0 0  0 1 0
+        Camera "perspective" "float fov" 50
+        Film "rgb" "integer xresolution" 64 "integer yresolution" 32
+        PixelFilter "box"
+        Sampler "halton" "integer pixelsamples" 4
+        Integrator "path" "integer maxdepth" 3
+        WorldBegin
+        AttributeBegin
+        AreaLightSource "diffuse" "rgb L" [ 1 2 3 ] "bool twosided" true
+        Shape "trianglemesh" "point3 P" [ 0 0 0 1 0 0 0 1 0 ] "normal3 N" [ 0 0 1 0 0 1 0 0 1 ] "point2 uv" [ 0 0 1 0 0 1 ]
+        AttributeEnd
+        Material "diffuse" "rgb reflectance" [ .1 .2 .3 ] "float sigma" 10
+        Shape "sphere"
+        Material "conductor" "rgb reflectance" [ .9 .9 .9 ]
+        Shape "sphere"
+        Material "dielectric" "float eta" 1.4
+        Shape "disk"
+    "#;
+    assert_eq!(printed(&scene(v4)), printed(&scene(V3)));
+    // Without a film, v3 shows itself only after the first decisions.
+    let late = |text: &str| {
+        let lines = text.lines().filter(|line| !line.contains("Film") && !line.contains("PixelFilter"));
+        lines.collect::<Vec<_>>().join("\n")
+    };
+    assert_eq!(scene(&late(V3)).filter, Filter::Box { radius: [0.5; 2] });
+    assert_eq!(scene(&late(v4)).filter, Filter::default());
+}
+
+#[test]
+fn v3_forgives_unknown_parameters_even_when_recognised_late() {
+    let text = "Camera \"perspective\" \"float foo\" 1 WorldBegin LightSource \"infinite\"";
+    assert!(failure(text).message.contains("unknown parameter \"foo\""));
+    let loaded = read(&format!("{text} WorldEnd")).unwrap();
+    assert!(loaded.warnings[0].message.contains("unknown parameter \"foo\""));
+    assert_eq!(loaded.scene.filter, Filter::Box { radius: [0.5; 2] });
+    let units = "WorldBegin AreaLightSource \"diffuse\" \"blackbody L\" [ 5000 2 ] Shape \"sphere\"";
+    let radiance = scene(units).shapes[0].emission.unwrap().radiance;
+    assert!(radiance[1] > 1.5 && radiance[1] < 2.1, "{radiance:?}");
+}
+
+#[test]
+fn v3_filters_and_metals() {
+    let gaussian = scene("PixelFilter \"gaussian\" \"float xwidth\" 3 \"float alpha\" 8 WorldBegin").filter;
+    assert_eq!(gaussian, Filter::Gaussian { radius: [3.0, 2.0], sigma: 0.25 });
+    let metal = scene("Film \"image\" WorldBegin Material \"metal\" \"float roughness\" 1 Shape \"sphere\"")
+        .materials[0];
+    assert!(matches!(metal, Material::Conductor { alpha: [1.62142, 1.62142], .. }));
+}
+
+#[test]
+fn includes_imports_and_compressed_files() {
+    let scratch = Scratch::new("include");
+    scratch.write(
+        "main.pbrt",
+        "Film \"rgb\" WorldBegin Include \"parts/a.pbrt\" Import \"parts/b.pbrt.gz\" Shape \"sphere\"",
+    );
+    scratch.write("parts/a.pbrt", "Material \"conductor\" Include \"inner.pbrt\"");
+    scratch.write("parts/inner.pbrt", "Shape \"plymesh\" \"string filename\" \"m.ply.gz\"");
+    scratch.write_gzipped("parts/m.ply.gz", PLY.as_bytes());
+    scratch.write_gzipped("parts/b.pbrt.gz", b"Material \"dielectric\" Translate 1 0 0 Shape \"sphere\"");
+    let loaded = pbrt::load(&scratch.0.join("main.pbrt")).unwrap();
+    assert_eq!(loaded.inputs.len(), 5);
+    let scene = loaded.scene;
+    assert_eq!(scene.meshes[0].triangles, [[0, 1, 2], [0, 2, 3]]);
+    assert!(matches!(scene.materials[scene.shapes[1].material.0 as usize], Material::Dielectric { .. }));
+    let last = &scene.shapes[2];
+    assert_eq!(last.material, scene.shapes[0].material);
+    let Geometry::Sphere { world_from_object, .. } = last.geometry else { panic!() };
+    assert_eq!(world_from_object, DAffine3::IDENTITY);
+    scratch.write_gzipped("whole.pbrt.gz", EVERYTHING.as_bytes());
+    let whole = pbrt::load(&scratch.0.join("whole.pbrt.gz")).unwrap().scene;
+    assert_eq!(printed(&whole), printed(&scene_of_everything()));
+}
+
+fn scene_of_everything() -> SceneDescription {
+    scene(EVERYTHING)
+}
+
+const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+    element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n";
+
+#[test]
+fn faults_in_files_name_the_file_and_who_asked_for_it() {
+    let scratch = Scratch::new("faults");
+    let main = scratch.write("main.pbrt", "Film \"rgb\" WorldBegin\n  Include \"a.pbrt\"");
+    scratch.write("a.pbrt", "# one\nShape \"plymesh\" \"string filename\" \"m.ply\"");
+    let error = pbrt::load(&main).unwrap_err().to_string();
+    assert!(error.contains("m.ply: cannot read the file"), "{error}");
+    scratch.write("m.ply", PLY.replace("1 1 0", "1 inf 0"));
+    let error = pbrt::load(&main).unwrap_err().to_string();
+    assert!(error.contains("m.ply:12: \"y\" of a vertex is not finite"), "{error}");
+    assert!(error.contains("a.pbrt:2:35: the mesh is named here"), "{error}");
+    assert!(error.contains("main.pbrt:2:3: included from here"), "{error}");
+    scratch.write("m.ply", PLY.replace("0 1 2 3", "0 1 2 7"));
+    let error = pbrt::load(&main).unwrap_err().to_string();
+    assert!(error.contains("m.ply:14: vertex index 7, but there are 4 vertices"), "{error}");
+    scratch.write("a.pbrt", "Include \"main.pbrt\"");
+    let error = pbrt::load(&main).unwrap_err().to_string();
+    assert!(error.contains("Include of a file that is being read"), "{error}");
+    scratch.write("a.pbrt", "Shape \"sphere\" AttributeBegin");
+    let error = pbrt::load(&main).unwrap_err().to_string();
+    assert!(error.contains("a.pbrt:1:16: AttributeBegin is never closed"), "{error}");
+    assert!(pbrt::load(&scratch.0.join("none.pbrt")).unwrap_err().message.contains("cannot read"));
+    assert!(pbrt::load(&scratch.0).unwrap_err().message.contains("cannot read"));
+    scratch.write("b.pbrt.gz", "this is not gzip");
+    assert!(pbrt::load(&scratch.0.join("b.pbrt.gz")).unwrap_err().message.contains("cannot read on"));
+}
+
+#[test]
+fn errors_print_like_a_compiler() {
+    let error = failure("Film \"rgb\"\nWorldBegin\n  Shape \"shpere\" \"float radius\" [ 1 ]\n");
+    let expected = concat!(
+        "error: t.pbrt:3:9: unknown shape \"shpere\"\n",
+        "    3 |   Shape \"shpere\" \"float radius\" [ 1 ]\n",
+        "      |         ^^^^^^^^ expected one of sphere, disk, trianglemesh, plymesh, bilinearmesh; ",
+        "did you mean \"sphere\"?",
+    );
+    assert_eq!(error.to_string(), expected);
+}
+
+/// Text, line, column, a phrase of the message or the label.
+const BROKEN: &[(&str, u32, u32, &str)] = &[
+    // Tokens and numbers.
+    ("WorldBegin\nShape \"sphere", 2, 7, "string without an end"),
+    ("WorldBegin Shape \"sp\\qhere\"", 1, 18, "unknown escape `\\q`"),
+    ("Translate 1 nan 0", 1, 13, "`nan` is not a number"),
+    ("Translate 1 1e400 0", 1, 13, "too large"),
+    ("Translate 1 2", 1, 14, "the end of the file"),
+    ("Translate 1 2 WorldBegin", 1, 15, "`WorldBegin` is not a number"),
+    ("Translate [ 1 2 3 4 ]", 1, 19, "expected `]`"),
+    ("Transform [ 1 0 0 0  0 1 0 0  0 0 1 1  0 0 0 1 ]", 1, 1, "projective"),
+    ("Transform [ 1 0 0 0  0 0 0 0  0 0 1 0  0 0 0 1 ]", 1, 1, "cannot be inverted"),
+    ("Scale 1 0 1", 1, 1, "cannot be inverted"),
+    ("Rotate 10 0 0 0", 1, 1, "no direction"),
+    ("LookAt 0 0 0  0 1 0  0 1 0", 1, 1, "no direction"),
+    ("1 2 3", 1, 1, "unknown directive `1`"),
+    ("[", 1, 1, "`[` where a directive"),
+    ("\u{e9}\u{e9} Shap", 1, 1, "unknown directive"),
+    ("Shap \"sphere\"", 1, 1, "did you mean \"Shape\""),
+    // Parameters.
+    ("WorldBegin Shape \"sphere\" \"radius\" 1", 1, 27, "\"type name\""),
+    ("WorldBegin Shape \"sphere\" \"flaot radius\" 1", 1, 27, "did you mean \"float\""),
+    ("WorldBegin Shape \"sphere\" \"float radius\"", 1, 41, "the file ends"),
+    ("WorldBegin Shape \"sphere\" \"float radius\" [ 1", 1, 45, "the file ends"),
+    ("WorldBegin Shape \"sphere\" \"float radius\" [ ]", 1, 42, "without values"),
+    ("WorldBegin Shape \"sphere\" \"float radius\" [ 1 2 ]", 1, 46, "has 2 values"),
+    ("WorldBegin Shape \"sphere\" \"float radius\" \"1\"", 1, 42, "not a value of type float"),
+    ("WorldBegin Shape \"sphere\" \"integer radius\" 1", 1, 27, "expected type float"),
+    ("WorldBegin Shape \"sphere\" \"float raduis\" 1", 1, 27, "did you mean \"radius\""),
+    ("Film \"rgb\" WorldBegin Shape \"sphere\" \"float a\" 1", 1, 38, "unknown parameter \"a\""),
+    ("Film \"rgb\" \"integer xresolution\" 1.5", 1, 34, "not a whole number"),
+    ("Film \"rgb\" \"integer xresolution\" 3000000000", 1, 34, "32 bits"),
+    ("WorldBegin AreaLightSource \"diffuse\" \"bool twosided\" 1", 1, 54, "true or false"),
+    ("WorldBegin Shape \"trianglemesh\" \"point3 P\" [ 0 0 0 1 ]", 1, 52, "multiple of 3"),
+    // Order and nesting.
+    ("Shape \"sphere\"", 1, 1, "before WorldBegin"),
+    ("AttributeBegin", 1, 1, "before WorldBegin"),
+    ("WorldBegin Camera \"perspective\"", 1, 12, "inside the world"),
+    ("WorldBegin WorldBegin", 1, 12, "inside the world"),
+    ("WorldBegin AttributeEnd", 1, 12, "without AttributeBegin"),
+    ("WorldBegin\n AttributeBegin", 2, 2, "never closed"),
+    ("WorldBegin AttributeBegin ObjectEnd", 1, 27, "expected AttributeEnd"),
+    ("WorldBegin AttributeBegin WorldEnd", 1, 12, "never closed"),
+    ("WorldBegin WorldEnd Identity", 1, 21, "after WorldEnd"),
+    ("WorldBegin ObjectBegin \"a\" ObjectBegin \"b\"", 1, 28, "inside an object"),
+    ("WorldBegin ObjectBegin \"a\" ObjectInstance \"a\"", 1, 28, "inside an object"),
+    ("WorldBegin ObjectInstance \"a\"", 1, 27, "unknown object \"a\""),
+    ("WorldBegin ObjectBegin \"a\" ObjectEnd ObjectBegin \"a\"", 1, 50, "defined twice"),
+    ("WorldBegin Import \"nowhere.pbrt\"", 1, 19, "cannot read"),
+    // Options.
+    ("Camera \"realistic\"", 1, 8, "not supported"),
+    ("Camera \"perpective\"", 1, 8, "did you mean \"perspective\""),
+    ("Camera \"perspective\" \"float fov\" 180", 1, 34, "between 0 and 180"),
+    ("Camera \"perspective\" \"float screenwindow\" [ 0 1 ]", 1, 45, "not a window"),
+    ("ActiveTransform EndTime Translate 1 0 0 Camera \"perspective\"", 1, 41, "motion is not supported"),
+    ("Film \"spectral\"", 1, 6, "not supported"),
+    ("Film \"rgb\" \"integer xresolution\" 0", 1, 34, "1 to 65536"),
+    ("Film \"rgb\" \"integer xresolution\" 60000 \"integer yresolution\" 60000", 1, 34, "pixels"),
+    ("Film \"rgb\" \"string sensor\" \"canon_eos_100d\"", 1, 28, "cie1931"),
+    ("Film \"rgb\" \"float cropwindow\" [ 0 0 0 1 ]", 1, 33, "at least one pixel"),
+    ("PixelFilter \"sinc\"", 1, 13, "not supported"),
+    ("PixelFilter \"box\" \"float xradius\" -1", 1, 35, "above 0"),
+    ("Sampler \"sobol\" \"integer pixelsamples\" 0", 1, 40, "at least 1"),
+    ("Sampler \"sobl\"", 1, 9, "did you mean \"sobol\""),
+    ("Integrator \"ambientocclusion\"", 1, 12, "not supported"),
+    ("Integrator \"path\" \"integer maxdepth\" -1", 1, 38, "at least 0"),
+    ("ColorSpace \"rec2020\"", 1, 12, "not supported"),
+    ("Option \"fast\" true", 1, 8, "unknown option"),
+    ("ActiveTransform Now", 1, 17, "expected StartTime"),
+    // Materials, textures, media.
+    ("WorldBegin Material \"coateddiffuse\"", 1, 21, "\"coateddiffuse\" is not supported"),
+    ("WorldBegin Material \"plastic\"", 1, 21, "\"plastic\" is not supported"),
+    ("WorldBegin Material \"\"", 1, 21, "not supported"),
+    ("WorldBegin Material \"difuse\"", 1, 21, "did you mean \"diffuse\""),
+    ("WorldBegin Material \"diffuse\" \"rgb reflectance\" [ 1 1 ]", 1, 51, "multiple of 3"),
+    ("WorldBegin Material \"dielectric\" \"float roughness\" .1", 1, 52, "rough dielectrics"),
+    ("WorldBegin Material \"dielectric\" \"float eta\" 0", 1, 46, "above 0"),
+    (
+        "WorldBegin Material \"conductor\" \"spectrum eta\" \"metal-Cuu-eta\"",
+        1,
+        48,
+        "did you mean \"metal-Cu-eta\"",
+    ),
+    ("WorldBegin Material \"conductor\" \"spectrum eta\" [ 500 1 400 1 ]", 1, 50, "rising wavelengths"),
+    (
+        "WorldBegin Material \"diffuse\" \"texture displacement\" \"x\"",
+        1,
+        31,
+        "\"displacement\" is not supported",
+    ),
+    ("WorldBegin Material \"diffuse\" \"string normalmap\" \"x\"", 1, 31, "\"normalmap\" is not supported"),
+    ("WorldBegin Material \"diffuse\" \"texture reflectance\" \"x\"", 1, 53, "unknown spectrum texture"),
+    (
+        "WorldBegin Texture \"t\" \"spectrum\" \"imagemap\"\nMaterial \"diffuse\" \"texture reflectance\" \"t\"",
+        2,
+        42,
+        "\"imagemap\" are not supported",
+    ),
+    ("WorldBegin Texture \"t\" \"spectrum\" \"imagmap\"", 1, 35, "did you mean \"imagemap\""),
+    ("WorldBegin NamedMaterial \"m\" Shape \"sphere\"", 1, 26, "unknown material \"m\""),
+    ("WorldBegin MakeNamedMaterial \"m\"", 1, 30, "string type"),
+    ("MakeNamedMedium \"m\"", 1, 1, "media are not supported"),
+    ("WorldBegin MediumInterface \"fog\" \"\"", 1, 28, "media are not supported"),
+    (
+        "Film \"rgb\" WorldBegin Texture \"t\" \"float\" \"constant\" Texture \"t\" \"float\" \"constant\"",
+        1,
+        62,
+        "defined twice",
+    ),
+    ("WorldBegin Material \"conductor\" \"spectrum k\" \"metal-CuZn-k\"", 1, 46, "not supported"),
+    (
+        "Film \"image\" WorldBegin Shape \"sphere\" \"color Kd\" [ 1 0 0 ]",
+        1,
+        40,
+        "material parameters on a shape",
+    ),
+    // Lights.
+    ("WorldBegin LightSource \"infinite\" \"string filename\" \"sky.exr\"", 1, 35, "environment maps"),
+    ("WorldBegin LightSource \"goniometric\"", 1, 24, "not supported"),
+    ("WorldBegin LightSource \"point\" \"rgb I\" [ 1 -1 1 ]", 1, 44, "negative"),
+    ("WorldBegin LightSource \"point\" \"rgb I\" [ 1e39 1 1 ]", 1, 42, "single precision"),
+    ("WorldBegin LightSource \"distant\" \"point3 to\" [ 0 0 0 ]", 1, 12, "no direction"),
+    ("WorldBegin LightSource \"spot\" \"float conedeltaangle\" 40", 1, 54, "cone"),
+    ("WorldBegin AreaLightSource \"diffuse\" \"blackbody L\" 0", 1, 52, "kelvin"),
+    (
+        "WorldBegin AreaLightSource \"diffuse\" \"string filename\" \"a.png\"",
+        1,
+        38,
+        "pictures on area lights",
+    ),
+    // Shapes.
+    ("WorldBegin Shape \"cylinder\"", 1, 18, "\"cylinder\" is not supported"),
+    ("WorldBegin Shape \"sphere\" \"float radius\" 0", 1, 42, "above 0"),
+    ("WorldBegin Shape \"sphere\" \"float radius\" 1e-60", 1, 12, "too small"),
+    ("WorldBegin Shape \"sphere\" \"float alpha\" .5", 1, 41, "alpha is not supported"),
+    ("WorldBegin Shape \"disk\" \"float innerradius\" 2", 1, 45, "less than the radius"),
+    ("WorldBegin Shape \"trianglemesh\"", 1, 12, "point3 P"),
+    ("WorldBegin Shape \"trianglemesh\" \"point3 P\" [ 0 0 0 1 0 0 ]", 1, 12, "without indices"),
+    (
+        "WorldBegin Shape \"trianglemesh\" \"point3 P\" [ 0 0 0 1 0 0 0 1 0 ]\n\"integer indices\" [ 0 1 2 0 1\n  3 ]",
+        3,
+        3,
+        "index 3 is out of range",
+    ),
+    (
+        "WorldBegin Shape \"trianglemesh\" \"point3 P\" [ 0 0 0 1 0 0 0 1 0 ] \"integer indices\" [ 0 1 2 0 ]",
+        1,
+        92,
+        "multiple of 3",
+    ),
+    (
+        "WorldBegin Shape \"trianglemesh\" \"point3 P\" [ 0 0 0 1 0 0 0 1 0 ] \"normal N\" [ 0 0 1 ]",
+        1,
+        66,
+        "one for each of 3",
+    ),
+    ("WorldBegin Shape \"trianglemesh\" \"point3 P\" [ 0 0 0 1e39 0 0 0 1 0 ]", 1, 12, "too far away"),
+    ("WorldBegin Shape \"bilinearmesh\" \"point3 P\" [ 0 0 0 1 0 0 0 1 0 1 1 1 ]", 1, 12, "not plane"),
+    (
+        "WorldBegin Shape \"bilinearmesh\" \"point3 P\" [ 0 0 0 1 0 0 1 1 0 0 1 0 ]",
+        1,
+        12,
+        "not plane and convex",
+    ),
+    ("WorldBegin Shape \"plymesh\"", 1, 12, "without a file"),
+];
+
+#[test]
+fn broken_scenes_fail_at_the_right_place() {
+    let mut wrong = Vec::new();
+    for (text, line, column, phrase) in BROKEN {
+        let error = failure(text);
+        let says = error.to_string().contains(phrase);
+        if (error.line(), error.column()) != (*line, *column) || !says {
+            wrong.push(format!("{text}\nexpected {line}:{column} {phrase}\n{error}\n"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn bytes_that_are_no_text_are_refused_outside_comments() {
+    let load = |bytes: &[u8]| pbrt::load_bytes(bytes, "t", Path::new("."));
+    assert!(load(b"# caf\xe9\nWorldBegin").is_ok());
+    let error = load(b"WorldBegin\nShape \"sph\xe9re\"").unwrap_err();
+    assert_eq!((error.line(), error.column()), (2, 11));
+    assert!(error.message.contains("UTF-8"));
+    assert!(load(b"\xef\xbb\xbfFilm \"rgb\" WorldBegin").is_ok());
+}
+
+#[test]
+fn long_lines_are_cut_in_messages() {
+    let mut text = String::from(
+        "WorldBegin Shape \"trianglemesh\" \"point3 P\" [ 0 0 0 1 0 0 0 1 0 ] \"integer indices\" [",
+    );
+    text.push_str(&" 0 1 2".repeat(200_000));
+    text.push_str(" 0 1 9 ]");
+    let error = failure(&text);
+    assert!(error.message.contains("index 9"));
+    assert!(error.to_string().len() < 600);
+    assert_eq!(error.column() as usize, text.len() - 2);
+}
+
+#[test]
+fn deep_nesting_ends_in_an_error() {
+    let error = failure(&format!("WorldBegin {}", "AttributeBegin ".repeat(100_000)));
+    assert!(error.message.contains("nested"));
+}
+
+/// Deterministic numbers: xorshift64*.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, limit: usize) -> usize {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33) as usize % limit
+    }
+}
+
+#[test]
+fn damaged_scenes_never_panic() {
+    let mut random = Random(0x9e37_79b9_7f4a_7c15);
+    let words: [&[u8]; 8] =
+        [b"\"", b"[", b"]", b" 1e308 ", b" -1 ", b"ObjectBegin \"x\" ", b"AttributeEnd ", b" 0 "];
+    let mut accepted = 0;
+    for round in 0..8000 {
+        let original = if round % 4 == 0 { V3 } else { EVERYTHING };
+        let mut bytes = original.as_bytes().to_vec();
+        for _ in 0..=random.below(4) {
+            let at = random.below(bytes.len());
+            match random.below(5) {
+                0 => bytes.truncate(at.max(1)),
+                1 => bytes[at] = random.below(256) as u8,
+                2 => drop(bytes.remove(at)),
+                3 => {
+                    let word = words[random.below(words.len())];
+                    bytes.splice(at..at, word.iter().copied());
+                }
+                _ => {
+                    let end = (at + random.below(40)).min(bytes.len());
+                    let copy = bytes[at..end].to_vec();
+                    let to = random.below(bytes.len());
+                    bytes.splice(to..to, copy);
+                }
+            }
+            if bytes.len() < 2 {
+                break;
+            }
+        }
+        match pbrt::load_bytes(&bytes, "t", Path::new(".")) {
+            Ok(loaded) => {
+                accepted += 1;
+                assert_valid(&loaded.scene);
+            }
+            Err(error) => assert!(!error.to_string().is_empty()),
+        }
+    }
+    assert!(accepted > 100, "the damage is too great to test anything: {accepted}");
+}
+
+/// What the rest of wavepath relies on.
+fn assert_valid(scene: &SceneDescription) {
+    for mesh in &scene.meshes {
+        assert!(!mesh.triangles.is_empty());
+        assert!(mesh.triangles.iter().flatten().all(|i| (*i as usize) < mesh.positions.len()));
+        assert!(mesh.positions.iter().flatten().all(|c| c.is_finite()));
+        assert!(mesh.normals.is_empty() || mesh.normals.len() == mesh.positions.len());
+        assert!(mesh.uvs.is_empty() || mesh.uvs.len() == mesh.positions.len());
+    }
+    for shape in &scene.shapes {
+        assert!((shape.material.0 as usize) < scene.materials.len());
+    }
+    let [x0, x1, y0, y1] = scene.film.pixel_bounds;
+    assert!(x0 < x1 && x1 <= scene.film.resolution[0] && y0 < y1 && y1 <= scene.film.resolution[1]);
+    assert!(scene.sampler.pixel_samples >= 1);
+}
