@@ -233,6 +233,16 @@ fn cone<F: Real>(r2: F, d2: F) -> (F, F) {
     (sin2 / (F::one() + (F::one() - sin2).max(F::zero()).sqrt()), sin2)
 }
 
+/// How much shorter still a shadow ray towards a sphere has to be. The square of half the chord is known to some units
+/// in the last place of r^2, so half the chord itself to eps r^2 over it: little where the ray meets the sphere
+/// squarely, sqrt(eps) r where it grazes. (A constant share of r would let a large sphere shine through whatever is
+/// close to it.)
+#[inline(always)]
+fn sphere_slack<F: Real>(radius: F, half_chord: F) -> F {
+    let r = radius.abs();
+    (F::lit(32.0 * f32::EPSILON as f64) * r * r / half_chord).min(F::lit(5e-4) * r)
+}
+
 /// Density of [`sample`]'s spheres over solid angle: uniform in the cone from outside, in all directions from inside.
 #[inline(always)]
 fn sphere_pdf<F: Real>(r2: F, d2: F) -> F {
@@ -342,8 +352,7 @@ fn sample_sphere<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> Li
     let miss2 = F::select(outside, d2 * sin2, (to_centre - direction.scale(along)).length2());
     let half_chord = (r2 - miss2).max(F::zero()).sqrt();
     let distance = F::select(outside, along - half_chord, along + half_chord);
-    // Grazing hits are known to about sqrt(eps) r only.
-    let slack = F::select(outside, radius.abs() * F::lit(5e-4), F::zero());
+    let slack = F::select(outside, sphere_slack(radius, half_chord), F::zero());
     let distance = distance.mul_add(F::lit(1.0 - SHADOW_SHORTENING), -slack).max(F::zero());
     // The side that emits: outwards for a positive radius, inwards for a negative one.
     let outwards = radius.gt(F::zero());
@@ -369,9 +378,10 @@ fn sample_sphere_area<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) 
     // The near side of the sphere hides the far side; a shadow ray that stops short of the far side could slip past
     // a grazing near side, so the far side is left out by its normal.
     let outside = (light.vector(5) - origin).length2().gt(radius * radius);
-    let faces = normal.dot(out.direction).lt(F::zero());
+    let cos = -normal.dot(out.direction);
+    let faces = cos.gt(F::zero());
     out.valid = out.valid & ((outside & faces) | (!outside & !faces));
-    let slack = F::select(outside, radius.abs() * F::lit(5e-4), F::zero());
+    let slack = F::select(outside, sphere_slack(radius, radius.abs() * cos.abs()), F::zero());
     out.distance = (out.distance - slack).max(F::zero());
     out
 }
