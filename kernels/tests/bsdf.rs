@@ -3,9 +3,9 @@
 
 mod statistics;
 
-use core::f64::consts::{FRAC_1_PI, PI, TAU};
+use core::f64::consts::{FRAC_1_PI, PI};
 use core::num::Wrapping;
-use statistics::{Mean, Random, assert_distributed, cross, dot, integrate, normalize, tangents};
+use statistics::{Around, Mean, Random, assert_distributed, cross, dot, normalize};
 use wavepath_kernels::isa::{Isa, Kernel, Level};
 use wavepath_kernels::lanes::{Mask, Real, Uint};
 use wavepath_kernels::math::Vec3;
@@ -57,60 +57,6 @@ const PERFECT: ([f32; 3], [f32; 3]) = ([0.0; 3], [1.0; 3]);
 
 fn rough(alpha: f32) -> [f32; 8] {
     rough_conductor::row(GOLD.0, GOLD.1, alpha)
-}
-
-/// The sphere of directions, mapped from the unit square around an axis: `q = tan^2(theta / 2) / (spread^2 + that)`.
-struct Around {
-    axis: [f64; 3],
-    s: [f64; 3],
-    t: [f64; 3],
-    spread2: f64,
-}
-
-impl Around {
-    /// Edges of the bins in q: fine towards 1, where a narrow lobe meets the horizon.
-    const EDGES: [f64; 25] = [
-        0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85,
-        0.9, 0.95, 0.98, 0.995, 0.999, 0.9999, 1.0,
-    ];
-    const AZIMUTHS: usize = 24;
-
-    fn new(axis: [f64; 3], spread: f64) -> Self {
-        let [s, t] = tangents(axis);
-        Around { axis, s, t, spread2: spread * spread }
-    }
-    /// The direction, and the solid angle a unit of (q, azimuth).
-    fn direction(&self, q: f64, phi: f64) -> ([f64; 3], f64) {
-        let tan2 = self.spread2 * q / (1.0 - q);
-        let (sin, cos) = (2.0 * tan2.sqrt() / (1.0 + tan2), (1.0 - tan2) / (1.0 + tan2));
-        let (x, y) = (sin * phi.cos(), sin * phi.sin());
-        let v = core::array::from_fn(|k| x * self.s[k] + y * self.t[k] + cos * self.axis[k]);
-        (v, 2.0 * self.spread2 / ((1.0 - q) * (1.0 + tan2)).powi(2))
-    }
-    fn bin(&self, v: [f64; 3]) -> usize {
-        let (x, y, z) = (dot(v, self.s), dot(v, self.t), dot(v, self.axis));
-        let sin = (x * x + y * y).sqrt();
-        // tan(theta / 2) = sin / (1 + cos) = (1 - cos) / sin.
-        let tan = if z > 0.0 { sin / (1.0 + z) } else { (1.0 - z) / sin };
-        let tan2 = tan * tan;
-        let q = tan2 / (self.spread2 + tan2);
-        let phi = y.atan2(x).rem_euclid(TAU) / TAU;
-        let row = Self::EDGES[1..].iter().position(|&edge| q < edge).unwrap_or(Self::EDGES.len() - 2);
-        row * Self::AZIMUTHS + ((phi * Self::AZIMUTHS as f64) as usize).min(Self::AZIMUTHS - 1)
-    }
-    /// Integrals of a function of the direction over all bins.
-    fn integrals(&self, f: impl Fn([f64; 3]) -> f64) -> Vec<f64> {
-        let g = |q: f64, phi: f64| {
-            let (v, measure) = self.direction(q, phi);
-            f(v) * measure
-        };
-        let phi = |j: usize| TAU * j as f64 / Self::AZIMUTHS as f64;
-        Self::EDGES
-            .windows(2)
-            .flat_map(|q| (0..Self::AZIMUTHS).map(move |j| ([q[0], q[1]], [phi(j), phi(j + 1)])))
-            .map(|(q, phi)| integrate(&g, q, phi, 1e-6, 8))
-            .collect()
-    }
 }
 
 /// A map of the sphere in which the density of the material's samples is mild.
