@@ -50,8 +50,8 @@ pub struct Filter {
 
 /// One axis of a filter: its inverse cumulative distribution, tabulated.
 ///
-/// Between the entries the inverse is linear, so the density is constant there. The 1024 cells are finest towards the
-/// ends: cell `k` begins at the quantile 2 t^2 for t = k / 1024 up to 1/2, and symmetrically above. With cells of
+/// Between the entries the inverse is linear, so the density is constant there. The 2048 cells are finest towards the
+/// ends: cell `k` begins at the quantile 2 t^2 for t = k / 2048 up to 1/2, and symmetrically above. With cells of
 /// equal probability the outermost thousandth of a filter that falls to zero would be spread evenly over its tail, as
 /// a halo around bright pixels.
 #[derive(Clone, Debug)]
@@ -65,7 +65,7 @@ pub struct FilterAxis {
 
 impl FilterAxis {
     /// Cells of the table.
-    const CELLS: usize = 1024;
+    const CELLS: usize = 2048;
 
     /// Constant on `[-radius, radius]`.
     pub fn constant(radius: f64) -> Self {
@@ -75,7 +75,7 @@ impl FilterAxis {
     /// The symmetric function `f` on `[-radius, radius]`; where it is negative its absolute value is sampled.
     pub fn tabulate(radius: f64, f: impl Fn(f64) -> f64) -> Self {
         // Cumulative sums by the midpoint rule on a grid much finer than the cells.
-        const STEPS: usize = 64 * FilterAxis::CELLS;
+        const STEPS: usize = 32 * FilterAxis::CELLS;
         let step = 2.0 * radius / STEPS as f64;
         let at = |k: usize| -radius + (k as f64 + 0.5) * step;
         let mut cumulative = Vec::with_capacity(STEPS + 1);
