@@ -430,9 +430,9 @@ fn assert_dielectric<F: Scalar>(eta: f64, cos: f64, rounding: f64) {
         assert!(cross([wo[0], wo[1], 0.0], [wi[0], wi[1], 0.0])[2].abs() < 4.0 * rounding);
         assert!(wo[0] * wi[0] + wo[1] * wi[1] <= 0.0);
         assert!((scale / (relative * relative) - 1.0).abs() < 4.0 * rounding, "{what}: eta scale {scale}");
-        for c in 0..3 {
-            let want = TINTS.1[c] as f64 / (relative * relative);
-            assert!((weight[c] / want - 1.0).abs() < 6.0 * rounding, "{what}: weight {weight:?}");
+        for (got, tint) in weight.into_iter().zip(TINTS.1) {
+            let want = tint as f64 / (relative * relative);
+            assert!((got / want - 1.0).abs() < 6.0 * rounding, "{what}: weight {weight:?}");
         }
         // Back again: the same way out, and all scaling undone.
         let back_wo = s.wi;
@@ -445,10 +445,9 @@ fn assert_dielectric<F: Scalar>(eta: f64, cos: f64, rounding: f64) {
             (0..3).all(|k| (there[k] - out[k]).abs() < 40.0 * rounding / wo[2].abs().max(0.05)),
             "{what}: {there:?}, {out:?}"
         );
-        for c in 0..3 {
-            let tints = (TINTS.1[c] as f64).powi(2);
-            let product = weight[c] * array(back.weight)[c];
-            assert!((product / tints - 1.0).abs() < 8.0 * rounding, "{what}: {product}");
+        for (there, (out, tint)) in weight.into_iter().zip(array(back.weight).into_iter().zip(TINTS.1)) {
+            let ratio = there * out / (tint as f64).powi(2);
+            assert!((ratio - 1.0).abs() < 8.0 * rounding, "{what}: {ratio}");
         }
     }
     reflected.assert_near(&format!("{what}: reflected"), want, 1e-9);
@@ -482,8 +481,8 @@ fn thin_dielectric_reflects_all_orders() {
     let mut random = Random::new(11);
     for eta in [1.5f32, 1.1, 2.4, 1.0 / 1.5] {
         let bsdf = bsdf::<ThinDielectricMaterial, f32>(thin_dielectric::row(eta));
-        for cos in [1.0, 0.6, 0.2, -0.05, -0.6] {
-            let wo = single([(1.0 - cos * cos as f64).sqrt(), 0.0, cos]);
+        for cos in [1.0f64, 0.6, 0.2, -0.05, -0.6] {
+            let wo = single([(1.0 - cos * cos).sqrt(), 0.0, cos]);
             // The series: R + T R T + T R^3 T + ...
             let r = complex_fresnel(cos.abs(), eta as f64, 0.0);
             let t = 1.0 - r;
