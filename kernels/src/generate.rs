@@ -50,11 +50,14 @@ pub struct Filter {
 
 /// One axis of a filter: its inverse cumulative distribution, tabulated.
 ///
-/// Between the entries the inverse is linear, so the density is constant there. 1024 cells of equal probability leave
-/// nothing to see between that and the filter itself.
+/// Between the entries the inverse is linear, so the density is constant there. The 2048 cells are finest towards the
+/// ends: cell `k` begins at the quantile 2 t^2 for t = k / 2048 up to 1/2, and symmetrically above. With cells of
+/// equal probability the outermost thousandth of a filter that falls to zero would be spread evenly over its tail, as
+/// a halo around bright pixels.
 #[derive(Clone, Debug)]
 pub struct FilterAxis {
-    /// Offsets from the pixel's centre at the quantiles k / (len - 1), ascending.
+    /// Offsets from the pixel's centre where the cells begin, and where the last one ends, ascending. Two: the density
+    /// is constant.
     pub quantiles: Vec<f32>,
     /// Distance from the centre beyond which the filter is negative; infinite if it nowhere is.
     pub negative_beyond: f32,
@@ -62,7 +65,7 @@ pub struct FilterAxis {
 
 impl FilterAxis {
     /// Cells of the table.
-    const CELLS: usize = 1024;
+    const CELLS: usize = 2048;
 
     /// Constant on `[-radius, radius]`.
     pub fn constant(radius: f64) -> Self {
@@ -72,7 +75,7 @@ impl FilterAxis {
     /// The symmetric function `f` on `[-radius, radius]`; where it is negative its absolute value is sampled.
     pub fn tabulate(radius: f64, f: impl Fn(f64) -> f64) -> Self {
         // Cumulative sums by the midpoint rule on a grid much finer than the cells.
-        const STEPS: usize = 64 * FilterAxis::CELLS;
+        const STEPS: usize = 32 * FilterAxis::CELLS;
         let step = 2.0 * radius / STEPS as f64;
         let at = |k: usize| -radius + (k as f64 + 0.5) * step;
         let mut cumulative = Vec::with_capacity(STEPS + 1);
@@ -84,7 +87,8 @@ impl FilterAxis {
         let mut k = 0;
         let quantiles = (0..=Self::CELLS)
             .map(|cell| {
-                let target = total * cell as f64 / Self::CELLS as f64;
+                let t = cell as f64 / Self::CELLS as f64;
+                let target = total * if t <= 0.5 { 2.0 * t * t } else { 1.0 - 2.0 * (1.0 - t) * (1.0 - t) };
                 while k < STEPS - 1 && cumulative[k + 1] < target {
                     k += 1;
                 }
@@ -101,11 +105,15 @@ impl FilterAxis {
     /// Offset for a uniform number in [0, 1).
     #[inline(always)]
     pub fn sample<F: Real>(&self, u: F) -> F {
-        let cells = (self.quantiles.len() - 1) as f32;
-        let scaled = u * F::splat(cells);
+        if let [low, high] = self.quantiles[..] {
+            return u.mul_add(F::splat(high - low), F::splat(low));
+        }
+        // t = sqrt(u / 2) in the lower half, mirrored in the upper one.
+        let upper = u.ge(F::lit(0.5));
+        let t = (F::select(upper, F::one() - u, u) * F::lit(0.5)).sqrt();
+        let scaled = F::select(upper, F::one() - t, t) * F::splat((self.quantiles.len() - 1) as f32);
         let cell = scaled.to_uint();
-        // SAFETY: u < 1 by at least 2^-24, so the cell and the entry behind it exist (1024 * (1 - 2^-24) rounds to
-        // below 1024).
+        // SAFETY: u < 1 by at least 2^-24, so t < 1 by at least 2^-13, and the cell and the entry behind it exist.
         let (low, high) = unsafe {
             (F::gather(&self.quantiles, cell), F::gather(&self.quantiles, cell + F::Uint::splat(1)))
         };

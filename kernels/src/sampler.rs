@@ -114,11 +114,11 @@ pub struct Sobol;
 /// (Laine and Karras 2011, with the constants of Vegdahl 2021 that avalanche best.)
 #[inline(always)]
 fn scramble_reversed<U: Uint>(x: U, seed: U) -> U {
-    let x = x ^ x * U::splat(0x3D20_ADEA);
+    let x = x ^ (x * U::splat(0x3D20_ADEA));
     let x = x + seed;
     let x = x * (seed.shr::<16>() | U::splat(1));
-    let x = x ^ x * U::splat(0x0552_6C56);
-    x ^ x * U::splat(0x53A2_2864)
+    let x = x ^ (x * U::splat(0x0552_6C56));
+    x ^ (x * U::splat(0x53A2_2864))
 }
 
 /// Multiplies by the generator matrix of the second Sobol dimension, all bits reversed: bit i of the result is the
@@ -154,8 +154,8 @@ impl Sampler for Sobol {
     fn bits2<U: Uint>(stream: Stream<U>, dimension: U) -> [U; 2] {
         let seed = hash(stream.seed, dimension);
         let index = Self::shuffled_index(stream, seed);
-        let seed_x = seed * U::splat(0x9E37_79B1) ^ U::splat(0x85EB_CA77);
-        let seed_y = seed * U::splat(0xC2B2_AE3D) ^ U::splat(0x27D4_EB2F);
+        let seed_x = (seed * U::splat(0x9E37_79B1)) ^ U::splat(0x85EB_CA77);
+        let seed_y = (seed * U::splat(0xC2B2_AE3D)) ^ U::splat(0x27D4_EB2F);
         [
             scramble_reversed(index, seed_x ^ seed_x.shr::<15>()).reverse_bits(),
             scramble_reversed(pascal(index), seed_y ^ seed_y.shr::<15>()).reverse_bits(),

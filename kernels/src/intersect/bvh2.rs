@@ -9,9 +9,13 @@ use glam::{Vec3A, vec3a};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ray::{Ray, RayHit};
 
 /// Builds obvhs' binary tree (PLOC, then reinsertion) over all primitives, with at most `leaf` primitives a leaf.
+///
+/// Primitives with equal boxes enter as one and are told apart at the end: PLOC merges few of equal neighbours a pass,
+/// so that time and depth would grow with the square and the number of them.
 pub fn build(geometry: &Geometry, leaf: u32) -> Bvh2 {
     let boxes: Vec<Aabb> = (0..geometry.primitives() as u32)
         .map(|p| {
@@ -19,8 +23,55 @@ pub fn build(geometry: &Geometry, leaf: u32) -> Bvh2 {
             Aabb { min: Vec3A::from(low), max: Vec3A::from(high) }
         })
         .collect();
+    let key = |p: u32| {
+        let b = &boxes[p as usize];
+        [b.min.x, b.min.y, b.min.z, b.max.x, b.max.y, b.max.z].map(f32::to_bits)
+    };
+    let mut alike: Vec<u32> = (0..boxes.len() as u32).collect();
+    alike.sort_unstable_by_key(|&p| (key(p), p));
+    // Each group in the order of primitives, the groups in the order of their first.
+    let mut groups: Vec<&[u32]> = alike.chunk_by(|&a, &b| key(a) == key(b)).collect();
+    groups.sort_unstable_by_key(|group| group[0]);
+    let unique: Vec<Aabb> = groups.iter().map(|group| boxes[group[0] as usize]).collect();
     let parameters = BvhBuildParams { max_prims_per_leaf: leaf, ..BvhBuildParams::medium_build() };
-    obvhs::bvh2::builder::build_bvh2(&boxes, parameters, &mut Duration::default())
+    let mut tree = obvhs::bvh2::builder::build_bvh2(&unique, parameters, &mut Duration::default());
+    if unique.len() < boxes.len() {
+        expand(&mut tree, &groups, leaf as usize);
+    }
+    tree
+}
+
+/// Puts the primitives of each group in place of its number, and halves leaves that have become too large.
+fn expand(tree: &mut Bvh2, groups: &[&[u32]], leaf: usize) {
+    let mut primitives = Vec::new();
+    let mut added_depth = 0;
+    for n in 0..tree.nodes.len() {
+        let node = tree.nodes[n];
+        if !node.is_leaf() {
+            continue;
+        }
+        let first = node.first_index as usize;
+        let begin = primitives.len();
+        for &group in &tree.primitive_indices[first..first + node.prim_count as usize] {
+            primitives.extend(groups[group as usize]);
+        }
+        let mut pending = vec![(n, begin..primitives.len(), 0)];
+        while let Some((n, range, depth)) = pending.pop() {
+            added_depth = depth.max(added_depth);
+            if range.len() <= leaf {
+                tree.nodes[n] = Bvh2Node::new(*node.aabb(), range.len() as u32, range.start as u32);
+                continue;
+            }
+            let children = tree.nodes.len();
+            tree.nodes.extend([node; 2]);
+            tree.nodes[n].make_inner(children as u32);
+            let middle = range.start + range.len() / 2;
+            pending.push((children, range.start..middle, depth + 1));
+            pending.push((children + 1, middle..range.end, depth + 1));
+        }
+    }
+    tree.primitive_indices = primitives;
+    tree.max_depth += added_depth;
 }
 
 /// obvhs' tree with the primitives in the order of its leaves.
@@ -45,10 +96,25 @@ pub(super) fn beyond(t: f32) -> f32 {
     t * (1.0 + 4.0 * f32::EPSILON)
 }
 
+/// Grows all boxes by 32 units in the last place of the scene's size. obvhs' box test has no margin for the rounding
+/// of distances (Ize 2013), which for rays from within ten times the size of the scene this makes good: without it
+/// rays slip past the corners of boxes.
+fn inflate(tree: &mut Bvh2) {
+    let Some(root) = tree.nodes.first() else { return };
+    let root = *root.aabb();
+    let size = root.max.abs().max(root.min.abs()).max_element();
+    let pad = Vec3A::splat(32.0 * f32::EPSILON * size);
+    for node in &mut tree.nodes {
+        let b = *node.aabb();
+        node.set_aabb(Aabb { min: b.min - pad, max: b.max + pad });
+    }
+}
+
 impl<'a> NaiveBvh<'a> {
     /// Builds the tree.
     pub fn new(geometry: &'a Geometry) -> Self {
-        let tree = if geometry.primitives() == 0 { Bvh2::default() } else { build(geometry, 4) };
+        let mut tree = if geometry.primitives() == 0 { Bvh2::default() } else { build(geometry, 4) };
+        inflate(&mut tree);
         let corners =
             tree.primitive_indices
                 .iter()
@@ -71,7 +137,7 @@ impl<'a> NaiveBvh<'a> {
         let [x, y, z] = direction.map(inverse);
         ray.inv_direction = vec3a(x, y, z);
         let sheared = ShearedRay::new(origin, direction);
-        let mut leaf = |node: &obvhs::bvh2::node::Bvh2Node, ray: &mut Ray, _: &mut RayHit| {
+        let mut leaf = |node: &Bvh2Node, ray: &mut Ray, _: &mut RayHit| {
             let first = node.first_index as usize;
             for place in first..first + node.prim_count as usize {
                 let primitive = self.tree.primitive_indices[place];

@@ -99,19 +99,29 @@ pub fn intersect<F: Real>(ray: &ShearedRay, corners: &[[F; 3]; 3], t_max: F) -> 
     if !hit.any() {
         return TriangleHits { hit, ..nothing };
     }
-    // Distances that rounding alone could have made positive do not count (Pharr, Jakob, Humphreys, section 6.8.7).
+    // The weights have one sign, so `t` lies between the corners' distances: if all of those are in front of the ray's
+    // origin by more than their rounding error, so is the hit.
     let gamma = |n: f64| F::lit(n * f32::EPSILON as f64 * 0.5 / (1.0 - n * f32::EPSILON as f64 * 0.5));
     let max3 = |a: F, b: F, c: F| a.abs().max(b.abs()).max(c.abs());
-    let (max_x, max_y, max_z) = (max3(ax, bx, cx), max3(ay, by, cy), max3(az, bz, cz));
+    let max_z = max3(az, bz, cz);
     let delta_z = gamma(3.0) * max_z;
-    let delta_x = gamma(5.0) * (max_x + max_z);
-    let delta_y = gamma(5.0) * (max_y + max_z);
-    let two = F::lit(2.0);
-    let delta_e = two * (gamma(2.0) * max_x * max_y + delta_y * max_x + delta_x * max_y);
-    let max_e = max3(u, v, w);
-    let delta_t =
-        F::lit(3.0) * (gamma(3.0) * max_e * max_z + delta_e * max_z + delta_z * max_e) * inverse.abs();
-    TriangleHits { t, u: v * inverse, v: w * inverse, hit: hit & t.gt(delta_t) }
+    let in_front = az.min(bz).min(cz).gt(delta_z);
+    let mut hit = hit;
+    if (hit & !in_front).any() {
+        // Triangles around the origin: distances that rounding alone could have made positive do not count (Pharr,
+        // Jakob, Humphreys, section 6.8.7). Not for the others: the bound grows with the square of the distance over
+        // the size of the triangle, and would lose all triangles further away than 3e5 times their size.
+        let (max_x, max_y) = (max3(ax, bx, cx), max3(ay, by, cy));
+        let delta_x = gamma(5.0) * (max_x + max_z);
+        let delta_y = gamma(5.0) * (max_y + max_z);
+        let two = F::lit(2.0);
+        let delta_e = two * (gamma(2.0) * max_x * max_y + delta_y * max_x + delta_x * max_y);
+        let max_e = max3(u, v, w);
+        let delta_t =
+            F::lit(3.0) * (gamma(3.0) * max_e * max_z + delta_e * max_z + delta_z * max_e) * inverse.abs();
+        hit = hit & (in_front | t.gt(delta_t));
+    }
+    TriangleHits { t, u: v * inverse, v: w * inverse, hit }
 }
 
 /// The edge functions once more in double precision, in which their products are exact.

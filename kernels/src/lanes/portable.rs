@@ -111,7 +111,7 @@ impl<const N: usize> Uint for PortableUint<N> {
     }
     #[inline(always)]
     fn mul_high(self, other: Self) -> Self {
-        PortableUint(from_fn(|i| (self.0[i] as u64 * other.0[i] as u64 >> 32) as u32))
+        PortableUint(from_fn(|i| ((self.0[i] as u64 * other.0[i] as u64) >> 32) as u32))
     }
     #[inline(always)]
     fn eq(self, other: Self) -> Self::Mask {

@@ -39,9 +39,9 @@ pub struct LightTable {
     pub rows: Vec<f32>,
     /// Material of each light's surface.
     pub materials: Vec<u32>,
-    /// Alias table (Walker 1977, Vose 1991): with a probability of `alias_keep[i]` light `i` itself is taken, else
-    /// `alias_other[i]`.
-    pub alias_keep: Vec<f32>,
+    /// Alias table (Walker 1977, Vose 1991), see [`choose`]: entry `i` takes light `i` itself below this threshold, in
+    /// units of 2^-32, else `alias_other[i]`.
+    pub alias_keep: Vec<u32>,
     /// See `alias_keep`.
     pub alias_other: Vec<u32>,
     /// Union of all kinds.
@@ -74,8 +74,13 @@ impl LightTable {
         self.kinds.len() as u32 - 1
     }
 
-    /// Sets the probability of each light to its share of `power` (one number a light, 0 for those that cannot be
-    /// sampled) and builds the alias table. If all powers are 0, all lights that can be sampled are equally likely.
+    /// Builds the alias table for a choice in proportion to `power` (one number a light, 0 for those that cannot be
+    /// sampled), and sets the probability of each light. If all powers are 0, all lights that can be sampled are
+    /// equally likely.
+    ///
+    /// The probability is not the share of the power but exactly how many of the 2^32 random numbers choose the
+    /// light, at least one if it has power: estimates divide by it, and a faint lamp beside a sun would come out
+    /// several times too bright if its share were merely close.
     pub fn choose_by_power(&mut self, power: &[f64]) {
         assert_eq!(power.len(), self.len());
         let sampled = |i: usize| self.kinds[i] != kind::UNSAMPLED;
@@ -87,19 +92,20 @@ impl LightTable {
             share = (0..n).map(|i| sampled(i) as u8 as f64).collect();
         }
         let total: f64 = share.iter().sum();
-        self.alias_keep = vec![1.0; n];
+        self.alias_keep = vec![u32::MAX; n];
         self.alias_other = (0..n as u32).collect();
         if total <= 0.0 {
             return;
         }
-        for (i, s) in share.iter_mut().enumerate() {
-            self.rows[i * Self::STRIDE + 3] = (*s / total) as f32;
-            *s *= n as f64 / total;
-        }
+        let dark: Vec<bool> = share.iter().map(|&s| s == 0.0).collect();
+        let largest = (0..n).max_by(|&a, &b| share[a].total_cmp(&share[b])).unwrap_or(0);
+        share.iter_mut().for_each(|s| *s *= n as f64 / total);
         let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| share[i] < 1.0);
         while let (Some(&s), Some(&l)) = (small.last(), large.last()) {
             small.pop();
-            self.alias_keep[s] = share[s] as f32;
+            // A threshold of n is met by one random number at least.
+            let threshold = (share[s] * 4_294_967_296.0) as u32;
+            self.alias_keep[s] = if dark[s] { 0 } else { threshold.max(n as u32) };
             self.alias_other[s] = l as u32;
             share[l] -= 1.0 - share[s];
             if share[l] < 1.0 {
@@ -108,13 +114,22 @@ impl LightTable {
             }
         }
         // What is left is 1 but for rounding; a light of probability 0 must still never be taken.
-        let largest = (0..n)
-            .max_by(|&a, &b| self.rows[a * Self::STRIDE + 3].total_cmp(&self.rows[b * Self::STRIDE + 3]));
-        for i in small {
-            if self.rows[i * Self::STRIDE + 3] == 0.0 {
-                self.alias_keep[i] = 0.0;
-                self.alias_other[i] = largest.unwrap_or(i) as u32;
-            }
+        for i in small.into_iter().filter(|&i| dark[i]) {
+            self.alias_keep[i] = 0;
+            self.alias_other[i] = largest as u32;
+        }
+        // Entry i serves the random numbers from ceil(2^32 i / n), the own light those below the threshold.
+        let mut chances = vec![0u64; n];
+        for i in 0..n {
+            let at = |offset: u64| (((i as u64) << 32) + offset).div_ceil(n as u64);
+            let (begin, end) = (at(0), at(1 << 32));
+            let other = self.alias_other[i] as usize;
+            let split = if other == i { end } else { at(self.alias_keep[i] as u64) };
+            chances[i] += split - begin;
+            chances[other] += end - split;
+        }
+        for (row, chances) in self.rows.chunks_exact_mut(Self::STRIDE).zip(chances) {
+            row[3] = (chances as f64 / 4_294_967_296.0) as f32;
         }
     }
 }
@@ -183,11 +198,10 @@ impl<'a, F: Real> LightRow<'a, F> {
 pub fn choose<F: Real>(table: &LightTable, bits: F::Uint) -> F::Uint {
     let n = F::Uint::splat(table.len() as u32);
     let entry = bits.mul_high(n);
-    let keep = F::unit_from_bits(bits * n);
     // SAFETY: `entry` < n, and both tables have n entries.
     let (threshold, other) =
-        unsafe { (F::gather(&table.alias_keep, entry), F::Uint::gather(&table.alias_other, entry)) };
-    F::Uint::select(keep.lt(threshold), entry, other)
+        unsafe { (F::Uint::gather(&table.alias_keep, entry), F::Uint::gather(&table.alias_other, entry)) };
+    F::Uint::select((bits * n).lt(threshold), entry, other)
 }
 
 /// A direction towards a light.
@@ -217,6 +231,16 @@ const SHADOW_SHORTENING: f64 = 1e-4;
 fn cone<F: Real>(r2: F, d2: F) -> (F, F) {
     let sin2 = (r2 / d2).min(F::one());
     (sin2 / (F::one() + (F::one() - sin2).max(F::zero()).sqrt()), sin2)
+}
+
+/// How much shorter still a shadow ray towards a sphere has to be. The square of half the chord is known to some units
+/// in the last place of r^2, so half the chord itself to eps r^2 over it: little where the ray meets the sphere
+/// squarely, sqrt(eps) r where it grazes. (A constant share of r would let a large sphere shine through whatever is
+/// close to it.)
+#[inline(always)]
+fn sphere_slack<F: Real>(radius: F, half_chord: F) -> F {
+    let r = radius.abs();
+    (F::lit(32.0 * f32::EPSILON as f64) * r * r / half_chord).min(F::lit(5e-4) * r)
 }
 
 /// Density of [`sample`]'s spheres over solid angle: uniform in the cone from outside, none from inside.
@@ -322,10 +346,10 @@ fn sample_sphere<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> Li
     let local = Vec3::new(sin * cos_phi, sin * sin_phi, F::one() - one_minus_cos);
     let axis = to_centre.scale(d2.sqrt().recip());
     let direction = Frame::from_normal(axis).to_world(local);
-    // Distance to the near side. Grazing hits are known to about sqrt(eps) r only.
+    // Distance to the near side.
     let along = to_centre.dot(direction);
     let half_chord = d2.neg_mul_add(sin2, r2).max(F::zero()).sqrt();
-    let slack = radius.abs() * F::lit(5e-4);
+    let slack = sphere_slack(radius, half_chord);
     let distance = (along - half_chord).mul_add(F::lit(1.0 - SHADOW_SHORTENING), -slack).max(F::zero());
     // A positive radius emits outwards.
     let emits = radius.gt(F::zero()) | light.two_sided();
@@ -350,9 +374,10 @@ fn sample_sphere_area<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) 
     // The near side of the sphere hides the far side; a shadow ray that stops short of the far side could slip past
     // a grazing near side, so the far side is left out by its normal.
     let outside = (light.vector(5) - origin).length2().gt(radius * radius);
-    let faces = normal.dot(out.direction).lt(F::zero());
+    let cos = -normal.dot(out.direction);
+    let faces = cos.gt(F::zero());
     out.valid = out.valid & ((outside & faces) | (!outside & !faces));
-    let slack = F::select(outside, radius.abs() * F::lit(5e-4), F::zero());
+    let slack = F::select(outside, sphere_slack(radius, radius.abs() * cos.abs()), F::zero());
     out.distance = (out.distance - slack).max(F::zero());
     out
 }

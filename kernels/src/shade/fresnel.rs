@@ -30,7 +30,10 @@ fn conductor_channel<F: Real>(cos_i: F, eta: F, k: F) -> F {
     let t0 = eta2 - k2 - sin2;
     let a2_plus_b2 = t0.mul_add(t0, F::lit(4.0) * eta2 * k2).max(F::zero()).sqrt();
     let t1 = a2_plus_b2 + cos2;
-    let a = (F::lit(0.5) * (a2_plus_b2 + t0)).max(F::zero()).sqrt();
+    // a^2 = (a2_plus_b2 + t0) / 2, which cancels where t0 < 0 (all good mirrors): there a^2 b^2 = eta^2 k^2 over
+    // b^2 = (a2_plus_b2 - t0) / 2.
+    let larger2 = F::lit(0.5) * (a2_plus_b2 + t0.abs());
+    let a = F::select(t0.lt(F::zero()), eta2 * k2 / larger2, larger2).sqrt();
     let t2 = F::lit(2.0) * cos_i * a;
     let rs = (t1 - t2) / (t1 + t2);
     let t3 = cos2.mul_add(a2_plus_b2, sin2 * sin2);

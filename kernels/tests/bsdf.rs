@@ -1,0 +1,638 @@
+//! The materials: sampling against density, value against formula, reciprocity, energy, Fresnel, single against
+//! double precision, wide lanes against one.
+
+mod statistics;
+
+use core::f64::consts::{FRAC_1_PI, PI};
+use core::num::Wrapping;
+use statistics::{Around, Mean, Random, assert_distributed, cross, dot, normalize};
+use wavepath_kernels::isa::{Isa, Kernel, Level};
+use wavepath_kernels::lanes::{Mask, Real, Uint};
+use wavepath_kernels::math::Vec3;
+use wavepath_kernels::scene::MaterialTable;
+use wavepath_kernels::shade::bsdf::{Bsdf, BsdfSample, MaterialRow};
+use wavepath_kernels::shade::{
+    ConductorMaterial, DielectricMaterial, LambertMaterial, Material, OrenNayarMaterial,
+    RoughConductorMaterial, ThinDielectricMaterial, conductor, dielectric, fresnel, lambert, oren_nayar,
+    rough_conductor, thin_dielectric,
+};
+
+/// One lane, single or double precision.
+trait Scalar: Real<Mask = bool, Uint = Wrapping<u32>> + Into<f64> {}
+impl Scalar for f32 {}
+impl Scalar for f64 {}
+
+fn bsdf<M: Material, F: Real>(row: [f32; 8]) -> M::Bsdf<F> {
+    let mut table = MaterialTable::default();
+    let id = table.push(row);
+    // SAFETY: the table has this material.
+    Bsdf::load(unsafe { MaterialRow::new(&table, F::Uint::splat(id)) })
+}
+
+fn lanes<F: Real>(v: [f64; 3]) -> Vec3<F> {
+    Vec3::new(F::lit(v[0]), F::lit(v[1]), F::lit(v[2]))
+}
+
+fn array<F: Scalar>(v: Vec3<F>) -> [f64; 3] {
+    [v.x.into(), v.y.into(), v.z.into()]
+}
+
+/// Unit direction at the azimuth 0.7 with this cosine.
+fn direction(cos: f64) -> [f64; 3] {
+    let sin = (1.0 - cos * cos).sqrt();
+    [sin * 0.7f64.cos(), sin * 0.7f64.sin(), cos]
+}
+
+/// The direction as single precision has it: both precisions then speak of the same one.
+fn single(v: [f64; 3]) -> [f64; 3] {
+    v.map(|x| x as f32 as f64)
+}
+
+const COSINES: [f64; 5] = [1.0, 0.9, 0.5, 0.1, 0.01];
+const SIGMAS: [f32; 3] = [10.0, 20.0, 60.0];
+const ALPHAS: [f32; 6] = [0.01, 0.03, 0.1, 0.3, 0.6, 1.0];
+/// Gold, roughly; and what reflects everything.
+const GOLD: ([f32; 3], [f32; 3]) = ([0.18, 0.42, 1.37], [3.42, 2.35, 1.77]);
+const PERFECT: ([f32; 3], [f32; 3]) = ([0.0; 3], [1.0; 3]);
+
+fn rough(alpha: f32) -> [f32; 8] {
+    rough_conductor::row(GOLD.0, GOLD.1, alpha)
+}
+
+/// A map of the sphere in which the density of the material's samples is mild.
+fn map_for(wo: [f64; 3], alpha: Option<f32>) -> Around {
+    match alpha {
+        Some(alpha) if alpha < 0.5 => Around::new([-wo[0], -wo[1], wo[2]], alpha as f64),
+        // The horizon is an edge of bins: q = 0.75.
+        _ => Around::new([0.0, 0.0, 1.0], (1f64 / 3.0).sqrt()),
+    }
+}
+
+/// Samples in precision `F` fall into bins as the density, integrated in double precision, says; what it lacks to one
+/// is the share of invalid samples.
+fn assert_samples<F: Scalar, M: Material>(
+    what: &str,
+    row: [f32; 8],
+    wo: [f64; 3],
+    map: &Around,
+    integrals: &[f64],
+    family: usize,
+) {
+    const SAMPLES: usize = 100_000;
+    let bsdf = bsdf::<M, F>(row);
+    let total: f64 = integrals.iter().sum();
+    let mut expected: Vec<f64> = integrals.iter().map(|p| p * SAMPLES as f64).collect();
+    expected.push((1.0 - total).max(0.0) * SAMPLES as f64);
+    let mut observed = vec![0u64; expected.len()];
+    let mut random = Random::new(1);
+    for _ in 0..SAMPLES {
+        let s = bsdf.sample(lanes(wo), [F::lit(random.unit()), F::lit(random.unit())]);
+        let bin = if s.valid { map.bin(array(s.wi)) } else { integrals.len() };
+        observed[bin] += 1;
+    }
+    assert_distributed(what, &observed, &expected, family);
+}
+
+fn assert_sampling<M: Material>(what: &str, row: [f32; 8], alpha: Option<f32>, family: usize) {
+    let oracle = bsdf::<M, f64>(row);
+    for cos in COSINES {
+        let wo = single(direction(cos));
+        let what = format!("{what}, cos {cos}");
+        let map = map_for(wo, alpha);
+        let integrals = map.integrals(|wi| oracle.pdf(lanes(wo), lanes(wi)));
+        let total: f64 = integrals.iter().sum();
+        assert!(total <= 1.0 + 1e-4, "{what}: density integrates to {total}");
+        assert_samples::<f64, M>(&format!("{what}, double"), row, wo, &map, &integrals, 2 * family);
+        assert_samples::<f32, M>(&format!("{what}, single"), row, wo, &map, &integrals, 2 * family);
+    }
+}
+
+#[test]
+fn samples_follow_their_density() {
+    let family = (1 + SIGMAS.len() + ALPHAS.len()) * COSINES.len();
+    assert_sampling::<LambertMaterial>("Lambert", lambert::row([0.5; 3]), None, family);
+    for sigma in SIGMAS {
+        let row = oren_nayar::row([0.5; 3], sigma);
+        assert_sampling::<OrenNayarMaterial>(&format!("Oren-Nayar {sigma}"), row, None, family);
+    }
+    for alpha in ALPHAS {
+        let what = format!("rough conductor {alpha}");
+        assert_sampling::<RoughConductorMaterial>(&what, rough(alpha), Some(alpha), family);
+    }
+}
+
+/// The weight and the density that come with a sample are those of `eval` and `pdf`.
+fn assert_weights<F: Scalar, M: Material>(what: &str, row: [f32; 8], tolerance: impl Fn(f64, f64) -> f64) {
+    let bsdf = bsdf::<M, F>(row);
+    let mut random = Random::new(2);
+    for _ in 0..20_000 {
+        let wo = direction(random.magnitude(1e-3, 1.0));
+        let s: BsdfSample<F> = bsdf.sample(lanes(wo), [F::lit(random.unit()), F::lit(random.unit())]);
+        if !s.valid {
+            continue;
+        }
+        let wi = array(s.wi);
+        assert!((dot(wi, wi) - 1.0).abs() < 1e-6, "{what}: unit direction {wi:?}");
+        let pdf: f64 = bsdf.pdf(lanes(wo), s.wi).into();
+        let own: f64 = s.pdf.into();
+        let bound = tolerance(wo[2], wi[2]);
+        assert!((own / pdf - 1.0).abs() < bound, "{what}: pdf {own} and {pdf} for {wo:?}, {wi:?}");
+        let (weight, eval) = (array(s.weight), array(bsdf.eval(lanes(wo), s.wi)));
+        for c in 0..3 {
+            let ratio = eval[c] / pdf;
+            assert!(
+                (weight[c] - ratio).abs() <= bound * ratio,
+                "{what}: weight {} but eval / pdf = {ratio} for {wo:?}, {wi:?}",
+                weight[c]
+            );
+        }
+    }
+}
+
+#[test]
+fn weight_is_value_over_density() {
+    assert_weights::<f64, LambertMaterial>("Lambert", lambert::row([0.2, 0.5, 1.0]), |_, _| 1e-12);
+    assert_weights::<f32, LambertMaterial>("Lambert", lambert::row([0.2, 0.5, 1.0]), |_, _| 1e-6);
+    for sigma in SIGMAS {
+        let row = oren_nayar::row([0.2, 0.5, 1.0], sigma);
+        assert_weights::<f64, OrenNayarMaterial>(&format!("Oren-Nayar {sigma}"), row, |_, _| 1e-12);
+        assert_weights::<f32, OrenNayarMaterial>(&format!("Oren-Nayar {sigma}"), row, |_, _| 1e-6);
+    }
+    for alpha in [1e-3, 0.01, 0.1, 0.3, 1.0] {
+        // The half vector is found again from directions that are unit but for rounding: relative to the width of
+        // the lobe, and stretched by grazing angles.
+        let sensitivity = |o: f64, i: f64| 1.0 + 1.0 / (alpha as f64 * (o + i));
+        let what = format!("rough conductor {alpha}");
+        assert_weights::<f64, RoughConductorMaterial>(&what, rough(alpha), |o, i| {
+            1e-14 * sensitivity(o, i) + 1e-12
+        });
+        assert_weights::<f32, RoughConductorMaterial>(&what, rough(alpha), |o, i| 2e-6 * sensitivity(o, i));
+    }
+}
+
+fn assert_reciprocal<M: Material>(what: &str, row: [f32; 8]) {
+    let bsdf = bsdf::<M, f64>(row);
+    let mut random = Random::new(3);
+    for _ in 0..2_000 {
+        let [a, b] = [0; 2].map(|_| random.direction()).map(|[x, y, z]| [x, y, z.abs()]);
+        let ab = array(bsdf.eval(lanes(a), lanes(b)));
+        let ba = array(bsdf.eval(lanes(b), lanes(a)));
+        for c in 0..3 {
+            let (f, g) = (ab[c] / b[2], ba[c] / a[2]);
+            assert!((f - g).abs() <= 1e-9 * (f + g), "{what}: {f} and {g} for {a:?}, {b:?}");
+        }
+        assert_eq!(array(bsdf.eval(lanes(a), lanes([b[0], b[1], -b[2]]))), [0.0; 3], "{what}: below");
+        assert_eq!(bsdf.pdf(lanes(a), lanes([b[0], b[1], -b[2]])), 0.0, "{what}: below");
+    }
+}
+
+#[test]
+fn materials_are_reciprocal() {
+    assert_reciprocal::<LambertMaterial>("Lambert", lambert::row([0.2, 0.5, 1.0]));
+    for sigma in SIGMAS {
+        assert_reciprocal::<OrenNayarMaterial>("Oren-Nayar", oren_nayar::row([0.2, 0.5, 1.0], sigma));
+    }
+    for alpha in ALPHAS {
+        assert_reciprocal::<RoughConductorMaterial>("rough conductor", rough(alpha));
+    }
+}
+
+/// Directional albedo by quadrature, checked against the mean weight of samples in single precision.
+fn albedo<M: Material>(what: &str, row: [f32; 8], wo: [f64; 3], alpha: Option<f32>) -> f64 {
+    let (double, fast) = (bsdf::<M, f64>(row), bsdf::<M, f32>(row));
+    let exact: f64 = map_for(wo, alpha).integrals(|wi| double.eval(lanes(wo), lanes(wi)).x).iter().sum();
+    let mut random = Random::new(4);
+    let mean = Mean::of((0..100_000).map(|_| {
+        let s = fast.sample(lanes(wo), [random.unit() as f32, random.unit() as f32]);
+        if s.valid { s.weight.x as f64 } else { 0.0 }
+    }));
+    mean.assert_near(&format!("{what}: albedo"), exact, 1e-4);
+    exact
+}
+
+#[test]
+fn furnaces_are_white() {
+    for cos in COSINES {
+        let wo = single(direction(cos));
+        let lambert = albedo::<LambertMaterial>("Lambert", lambert::row([1.0; 3]), wo, None);
+        assert!((lambert - 1.0).abs() < 1e-5, "Lambert, cos {cos}: {lambert}");
+        for sigma in SIGMAS {
+            let row = oren_nayar::row([1.0; 3], sigma);
+            let oren_nayar = albedo::<OrenNayarMaterial>("Oren-Nayar", row, wo, None);
+            // The qualitative model itself exceeds 1 a little for small sigma at grazing angles, where its albedo
+            // is A + B / 2: 1.0146 at 10 degrees.
+            let bound = (row[3] + 0.5 * row[4]).max(1.0) as f64;
+            assert!(
+                oren_nayar > 0.6 && oren_nayar < bound + 1e-5,
+                "Oren-Nayar {sigma}, cos {cos}: {oren_nayar}"
+            );
+        }
+        for alpha in ALPHAS {
+            let row = rough_conductor::row(PERFECT.0, PERFECT.1, alpha);
+            let what = format!("rough conductor {alpha}, cos {cos}");
+            let got = albedo::<RoughConductorMaterial>(&what, row, wo, Some(alpha));
+            let want: f64 = map_for(wo, Some(alpha)).integrals(|wi| ggx(wo, wi, alpha) * wi[2]).iter().sum();
+            assert!((got - want).abs() < 1e-4, "{what}: {got}, not {want}");
+            assert!(got <= 1.0 + 1e-4, "{what}: {got}");
+            if alpha < 0.02 && cos > 0.4 {
+                assert!(got > 0.995, "{what}: smooth, but {got}");
+            }
+        }
+        let smooth = bsdf::<ConductorMaterial, f32>(conductor::row(PERFECT.0, PERFECT.1));
+        let s = smooth.sample(lanes(wo), [0.3, 0.8]);
+        assert_eq!(s.weight.lane(0), [1.0; 3]);
+        assert!(s.valid && s.pdf == 0.0);
+        assert_eq!(s.wi.lane(0), [-wo[0] as f32, -wo[1] as f32, wo[2] as f32]);
+    }
+}
+
+/// Height-correlated GGX with a reflectance of one, in the form of the papers, with tangents; 0 below the horizon.
+fn ggx(wo: [f64; 3], wi: [f64; 3], alpha: f32) -> f64 {
+    if wi[2] <= 0.0 || wo[2] <= 0.0 {
+        return 0.0;
+    }
+    let a2 = (alpha as f64).powi(2);
+    let tan2 = |w: [f64; 3]| (w[0] * w[0] + w[1] * w[1]) / (w[2] * w[2]);
+    let h = normalize(statistics::add(wo, wi));
+    let d = a2 / (PI * h[2].powi(4) * (a2 + tan2(h)).powi(2));
+    let lambda = |w: [f64; 3]| 0.5 * ((1.0 + a2 * tan2(w)).sqrt() - 1.0);
+    d / (1.0 + lambda(wo) + lambda(wi)) / (4.0 * wo[2] * wi[2])
+}
+
+#[test]
+fn rough_conductor_is_ggx() {
+    let mut random = Random::new(5);
+    for alpha in [1e-3, 0.01, 0.1, 0.5, 1.0] {
+        let perfect = bsdf::<RoughConductorMaterial, f64>(rough_conductor::row(PERFECT.0, PERFECT.1, alpha));
+        let gold = bsdf::<RoughConductorMaterial, f64>(rough(alpha));
+        for _ in 0..2_000 {
+            let [wo, wi] =
+                [0; 2].map(|_| random.direction()).map(|[x, y, z]| [x, y, z.abs().max(1e-3)]).map(normalize);
+            let want = ggx(wo, wi, alpha) * wi[2];
+            let got = perfect.eval(lanes(wo), lanes(wi)).x;
+            assert!((got / want - 1.0).abs() < 1e-9, "{got}, not {want}");
+            let h = normalize(statistics::add(wo, wi));
+            let tinted = gold.eval(lanes(wo), lanes(wi));
+            let f = complex_fresnel(dot(wo, h), GOLD.0[1] as f64, GOLD.1[1] as f64);
+            assert!((tinted.y / (want * f) - 1.0).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn oren_nayar_is_the_formula() {
+    let mut random = Random::new(6);
+    for sigma in [0.0, 10.0, 20.0, 60.0, 90.0f32] {
+        let bsdf = bsdf::<OrenNayarMaterial, f64>(oren_nayar::row([1.0, 0.5, 0.25], sigma));
+        let s2 = (sigma as f64).to_radians().powi(2);
+        let (a, b) = (1.0 - s2 / (2.0 * (s2 + 0.33)), 0.45 * s2 / (s2 + 0.09));
+        for _ in 0..2_000 {
+            let [wo, wi] = [0; 2].map(|_| random.direction()).map(|[x, y, z]| [x, y, z.abs()]);
+            let (to, ti) = (wo[2].acos(), wi[2].acos());
+            let delta = wi[1].atan2(wi[0]) - wo[1].atan2(wo[0]);
+            let (alpha, beta) = (to.max(ti), to.min(ti));
+            let f = FRAC_1_PI * (a + b * delta.cos().max(0.0) * alpha.sin() * beta.tan());
+            let got = bsdf.eval(lanes(wo), lanes(wi));
+            // A and B are kept in single precision.
+            for (got, tint) in [(got.x, 1.0), (got.y, 0.5), (got.z, 0.25)] {
+                let want = tint * f * wi[2];
+                assert!((got - want).abs() <= 1e-6 * want + 1e-12, "sigma {sigma}: {got}, not {want}");
+            }
+        }
+    }
+}
+
+/// Fresnel reflectance for a complex index, from the amplitudes, with complex arithmetic.
+fn complex_fresnel(cos_i: f64, eta: f64, k: f64) -> f64 {
+    type C = (f64, f64);
+    let mul = |a: C, b: C| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
+    let norm2 = |a: C| a.0 * a.0 + a.1 * a.1;
+    let n = (eta, k);
+    // n cos_t = sqrt(n^2 - sin_i^2), the principal root.
+    let n2 = mul(n, n);
+    let w = (n2.0 - (1.0 - cos_i * cos_i), n2.1);
+    let r = norm2(w).sqrt().sqrt();
+    let half = 0.5 * w.1.atan2(w.0);
+    let n_cos_t = (r * half.cos(), r * half.sin());
+    let ratio = |x: C, y: C| norm2((x.0 - y.0, x.1 - y.1)) / norm2((x.0 + y.0, x.1 + y.1));
+    let s = ratio((cos_i, 0.0), n_cos_t);
+    // n^2 cos_i against n cos_t.
+    let p = ratio((n2.0 * cos_i, n2.1 * cos_i), n_cos_t);
+    0.5 * (s + p)
+}
+
+#[test]
+fn fresnel_of_dielectrics() {
+    // Normal incidence: glass, water, diamond.
+    for (eta, want) in [(1.5, 0.04), (1.333, 0.020_373), (2.417, 0.171_96)] {
+        let (r, cos_t, total) = fresnel::dielectric(1.0f64, eta);
+        assert!((r - ((eta - 1.0) / (eta + 1.0)).powi(2)).abs() < 1e-15 && (r - want).abs() < 1e-5);
+        assert!((cos_t - 1.0).abs() < 1e-15 && !total);
+        // From inside the same.
+        assert!((fresnel::dielectric(1.0f64, 1.0 / eta).0 - r).abs() < 1e-15);
+        // Brewster's angle, tan = eta: no parallel component is reflected, so half of the perpendicular one is left.
+        let cos = 1.0 / (1.0 + eta * eta).sqrt();
+        let perpendicular = ((1.0 - eta * eta) / (1.0 + eta * eta)).powi(2);
+        assert!((fresnel::dielectric(cos, eta).0 - 0.5 * perpendicular).abs() < 1e-15);
+        // Total reflection from the critical angle on.
+        let critical = (1.0 - 1.0 / (eta * eta)).sqrt();
+        assert!(fresnel::dielectric(critical - 1e-9, 1.0 / eta).2);
+        assert_eq!(fresnel::dielectric(critical - 1e-9, 1.0 / eta).0, 1.0);
+        assert!(!fresnel::dielectric(critical + 1e-9, 1.0 / eta).2);
+        assert!((fresnel::dielectric(0.0, eta).0 - 1.0).abs() < 1e-15);
+    }
+    let mut random = Random::new(7);
+    for _ in 0..50_000 {
+        let eta = (1.0 + random.magnitude(1e-6, 2.0)).powi(if random.unit() < 0.5 { 1 } else { -1 }) as f32;
+        let cos = (random.magnitude(1e-4, 1.0) as f32).min(1.0);
+        let (double, cos_t, total) = fresnel::dielectric(cos as f64, eta as f64);
+        let oracle = complex_fresnel(cos as f64, eta as f64, 0.0);
+        assert!((double - oracle).abs() < 1e-9, "cos {cos}, eta {eta}: {double}, not {oracle}");
+        let (fast, fast_cos_t, fast_total) = fresnel::dielectric(cos, eta);
+        // The reflectance rises like a square root at the critical angle: errors of the input are magnified by
+        // 1 / cos_t, and with R small against 1 everything is known relative to the amplitude, not to R.
+        let rounding = 2e-7 / (eta as f64 * cos_t).max(3e-4);
+        assert!(
+            (fast as f64 - double).abs() <= rounding * double.sqrt().max(1e-3) * 4.0 + 1e-6 * double,
+            "cos {cos}, eta {eta}: {fast}, not {double}"
+        );
+        assert!((fast_cos_t as f64 - cos_t).abs() <= rounding + 2e-7);
+        assert!(fast_total == total || cos_t < 1e-3);
+        assert!((0.0..=1.0).contains(&fast));
+    }
+}
+
+#[test]
+fn fresnel_of_conductors() {
+    let one = |cos: f64, eta: f64, k: f64| fresnel::conductor(cos, Vec3::all(eta), Vec3::all(k)).x;
+    for (eta, k) in [(0.18, 3.42), (1.37, 1.77), (0.05, 4.2), (2.9, 3.0), (1.0, 1e-3)] {
+        let normal = ((eta - 1f64).powi(2) + k * k) / ((eta + 1f64).powi(2) + k * k);
+        assert!((one(1.0, eta, k) - normal).abs() < 1e-12);
+        assert!((one(0.0, eta, k) - 1.0).abs() < 1e-12);
+    }
+    let mut random = Random::new(8);
+    for _ in 0..50_000 {
+        let eta = random.magnitude(0.02, 5.0) as f32;
+        let k = random.magnitude(1e-3, 10.0) as f32;
+        let cos = random.magnitude(1e-3, 1.0).min(1.0) as f32;
+        let oracle = complex_fresnel(cos as f64, eta as f64, k as f64);
+        let double = one(cos as f64, eta as f64, k as f64);
+        assert!((double - oracle).abs() < 1e-10, "cos {cos}, eta {eta}, k {k}: {double}, not {oracle}");
+        let fast = fresnel::conductor(cos, Vec3::all(eta), Vec3::all(k)).x;
+        assert!((fast as f64 - oracle).abs() < 1e-5, "cos {cos}, eta {eta}, k {k}: {fast}, not {oracle}");
+        // What a metal absorbs is a small number that mirrors see many times.
+        if k > 2.0 && cos > 0.1 {
+            let (got, want) = (1.0 - fast as f64, 1.0 - oracle);
+            assert!(
+                (got - want).abs() < 1e-3 * want + 3e-7,
+                "absorbed {got}, not {want}: cos {cos}, {eta} + {k} i"
+            );
+        }
+        // No absorption: a dielectric.
+        let clear = one(cos as f64, eta as f64, 0.0);
+        let dielectric = fresnel::dielectric(cos as f64, eta as f64).0;
+        assert!((clear - dielectric).abs() < 1e-9, "cos {cos}, eta {eta}: {clear}, not {dielectric}");
+    }
+}
+
+const TINTS: ([f32; 3], [f32; 3]) = ([1.0, 0.5, 0.25], [0.9, 0.8, 0.125]);
+
+fn assert_dielectric<F: Scalar>(eta: f64, cos: f64, rounding: f64) {
+    let what = format!("index {eta}, cos {cos}");
+    let eta = eta as f32 as f64;
+    let bsdf = bsdf::<DielectricMaterial, F>(dielectric::row(eta as f32, TINTS.0, TINTS.1));
+    let wo = single(normalize([direction(cos.abs())[0], direction(cos.abs())[1], cos]));
+    let relative = if wo[2] > 0.0 { eta } else { 1.0 / eta };
+    let want = complex_fresnel(wo[2].abs(), relative, 0.0);
+    let mut random = Random::new(9);
+    let mut reflected = Mean::default();
+    for _ in 0..10_000 {
+        let s = bsdf.sample(lanes(wo), [F::lit(random.unit()), F::lit(random.unit())]);
+        assert!(s.valid && s.pdf.into() == 0.0);
+        let (wi, weight, scale): (_, _, f64) = (array(s.wi), array(s.weight), s.eta_scale.into());
+        assert!((dot(wi, wi) - 1.0).abs() < 4.0 * rounding);
+        let reflects = wi[2] * wo[2] > 0.0;
+        reflected.add(reflects as u8 as f64);
+        if reflects {
+            assert!(
+                (0..2).all(|k| (wi[k] + wo[k]).abs() < 2.0 * rounding)
+                    && (wi[2] - wo[2]).abs() < 2.0 * rounding
+            );
+            assert!(scale == 1.0 && (0..3).all(|c| weight[c] as f32 == TINTS.0[c]), "{what}: {weight:?}");
+            continue;
+        }
+        // Snell's law, in the plane of incidence, to the other side.
+        let sines = (wo[0].hypot(wo[1]), wi[0].hypot(wi[1]));
+        assert!(
+            (sines.0 - relative * sines.1).abs() < 8.0 * rounding * relative.max(1.0),
+            "{what}: {sines:?}"
+        );
+        assert!(cross([wo[0], wo[1], 0.0], [wi[0], wi[1], 0.0])[2].abs() < 4.0 * rounding);
+        assert!(wo[0] * wi[0] + wo[1] * wi[1] <= 0.0);
+        assert!((scale / (relative * relative) - 1.0).abs() < 4.0 * rounding, "{what}: eta scale {scale}");
+        for (got, tint) in weight.into_iter().zip(TINTS.1) {
+            let want = tint as f64 / (relative * relative);
+            assert!((got / want - 1.0).abs() < 6.0 * rounding, "{what}: weight {weight:?}");
+        }
+        // Back again: the same way out, and all scaling undone.
+        let back_wo = s.wi;
+        let back = (0..).map(|_| bsdf.sample(back_wo, [F::lit(random.unit()), F::zero()]));
+        let back = back.into_iter().find(|b| b.wi.z.into() * wi[2] < 0.0).unwrap();
+        let product: f64 = (s.eta_scale * back.eta_scale).into();
+        assert!((product - 1.0).abs() < 4.0 * rounding, "{what}: there and back {product}");
+        let (there, out) = (wo, array(back.wi));
+        assert!(
+            (0..3).all(|k| (there[k] - out[k]).abs() < 40.0 * rounding / wo[2].abs().max(0.05)),
+            "{what}: {there:?}, {out:?}"
+        );
+        for (there, (out, tint)) in weight.into_iter().zip(array(back.weight).into_iter().zip(TINTS.1)) {
+            let ratio = there * out / (tint as f64).powi(2);
+            assert!((ratio - 1.0).abs() < 8.0 * rounding, "{what}: {ratio}");
+        }
+    }
+    reflected.assert_near(&format!("{what}: reflected"), want, 1e-9);
+}
+
+#[test]
+fn dielectric_reflects_by_fresnel_and_refracts_by_snell() {
+    for eta in [1.5, 1.0 / 1.5, 2.4, 1.05] {
+        for cos in [1.0, 0.8, 0.45, 0.1, 0.02, -1.0, -0.8, -0.45, -0.1] {
+            assert_dielectric::<f64>(eta, cos, 1e-7);
+            assert_dielectric::<f32>(eta, cos, 2e-7);
+        }
+    }
+}
+
+#[test]
+fn index_one_is_not_there() {
+    let bsdf = bsdf::<DielectricMaterial, f32>(dielectric::row(1.0, [1.0; 3], [1.0; 3]));
+    let mut random = Random::new(10);
+    for _ in 0..1_000 {
+        let wo = single(random.direction());
+        let s = bsdf.sample(lanes(wo), [random.unit() as f32, 0.5]);
+        let wi = array(s.wi);
+        assert!((0..3).all(|k| (wi[k] + wo[k]).abs() < 3e-7), "{wo:?} to {wi:?}");
+        assert!(s.valid && s.weight.lane(0) == [1.0; 3] && s.eta_scale == 1.0);
+    }
+}
+
+#[test]
+fn thin_dielectric_reflects_all_orders() {
+    let mut random = Random::new(11);
+    for eta in [1.5f32, 1.1, 2.4, 1.0 / 1.5] {
+        let bsdf = bsdf::<ThinDielectricMaterial, f32>(thin_dielectric::row(eta));
+        for cos in [1.0f64, 0.6, 0.2, -0.05, -0.6] {
+            let wo = single([(1.0 - cos * cos).sqrt(), 0.0, cos]);
+            // The series: R + T R T + T R^3 T + ...
+            let r = complex_fresnel(cos.abs(), eta as f64, 0.0);
+            let t = 1.0 - r;
+            let want = (0..200).fold(r, |sum, n| sum + t * t * r.powi(2 * n + 1));
+            let mean = Mean::of((0..20_000).map(|_| {
+                let s = bsdf.sample(lanes(wo), [random.unit() as f32, random.unit() as f32]);
+                assert!(s.valid && s.pdf == 0.0 && s.eta_scale == 1.0 && s.weight.lane(0) == [1.0; 3]);
+                let wi = array(s.wi);
+                assert!(wi[0] == -wo[0] && wi[2].abs() == wo[2].abs());
+                (wi[2] == wo[2]) as u8 as f64
+            }));
+            mean.assert_near(&format!("index {eta}, cos {cos}"), want, 1e-6);
+        }
+    }
+}
+
+/// Single precision against double, for the same directions: relative error of value and density.
+fn assert_precise<M: Material>(what: &str, row: [f32; 8], tolerance: f64) {
+    let (fast, double) = (bsdf::<M, f32>(row), bsdf::<M, f64>(row));
+    let mut random = Random::new(12);
+    for _ in 0..50_000 {
+        let wo = single(direction(random.magnitude(1e-5, 1.0)));
+        let wi = if random.unit() < 0.3 {
+            let [x, y, z] = random.direction();
+            single([x, y, z.abs()])
+        } else {
+            let s = double.sample(lanes(wo), [random.unit(), random.unit()]);
+            if !s.valid {
+                continue;
+            }
+            single(array(s.wi))
+        };
+        if wi[2] == 0.0 {
+            continue;
+        }
+        let (f, g) = (fast.pdf(lanes(wo), lanes(wi)) as f64, double.pdf(lanes(wo), lanes(wi)));
+        assert!((f - g).abs() <= tolerance * g, "{what}: density {f}, not {g}, for {wo:?}, {wi:?}");
+        let (f, g) = (array(fast.eval(lanes(wo), lanes(wi))), array(double.eval(lanes(wo), lanes(wi))));
+        for c in 0..3 {
+            assert!(
+                (f[c] - g[c]).abs() <= tolerance * g[c],
+                "{what}: value {f:?}, not {g:?}, for {wo:?}, {wi:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn single_precision_is_enough() {
+    assert_precise::<LambertMaterial>("Lambert", lambert::row([0.2, 0.5, 1.0]), 1e-6);
+    for sigma in SIGMAS {
+        assert_precise::<OrenNayarMaterial>("Oren-Nayar", oren_nayar::row([0.2, 0.5, 1.0], sigma), 1e-6);
+    }
+    for alpha in [1e-3, 0.01, 0.1, 0.3, 1.0] {
+        // Rounding of the half vector (1e-7), relative to the width of the lobe.
+        let tolerance = 2e-6 + 8e-7 / alpha as f64;
+        assert_precise::<RoughConductorMaterial>(
+            &format!("rough conductor {alpha}"),
+            rough(alpha),
+            tolerance,
+        );
+    }
+}
+
+/// Corners of the unit square and grazing directions: whatever is valid is finite.
+fn assert_finite<M: Material>(what: &str, row: [f32; 8]) {
+    let bsdf = bsdf::<M, f32>(row);
+    let corner = [0.0, 1.0 / 16_777_216.0, 0.25, 0.5, 0.75, 1.0 - 1.0 / 16_777_216.0];
+    for cos in [1.0, 1.0 - 1e-7, 0.5, 1e-3, 1e-5, 1e-7, 1e-12, 1e-30, 0.0] {
+        for (u, v) in corner.iter().flat_map(|&u| corner.map(|v| (u as f32, v as f32))) {
+            let wo = direction(cos);
+            let s = bsdf.sample(lanes(wo), [u, v]);
+            if !s.valid {
+                continue;
+            }
+            let what = format!("{what}, cos {cos}, u {u} {v}");
+            let (wi, weight) = (s.wi.lane(0), s.weight.lane(0));
+            assert!((dot(statistics::wide(wi), statistics::wide(wi)) - 1.0).abs() < 1e-6, "{what}: {wi:?}");
+            assert!(weight.iter().all(|w| w.is_finite() && *w >= 0.0), "{what}: {weight:?}");
+            assert!(s.pdf.is_finite() && s.eta_scale.is_finite());
+            if !M::Bsdf::<f32>::SPECULAR {
+                assert!(s.pdf > 0.0 && bsdf.pdf(lanes(wo), s.wi).is_finite(), "{what}");
+                assert!(
+                    bsdf.eval(lanes(wo), s.wi).lane(0).iter().all(|f| f.is_finite() && *f >= 0.0),
+                    "{what}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn extremes_stay_finite() {
+    assert_finite::<LambertMaterial>("Lambert", lambert::row([1.0; 3]));
+    assert_finite::<OrenNayarMaterial>("Oren-Nayar", oren_nayar::row([1.0; 3], 60.0));
+    assert_finite::<ConductorMaterial>("conductor", conductor::row(GOLD.0, GOLD.1));
+    for alpha in [1e-3, 1e-2, 0.1, 1.0] {
+        assert_finite::<RoughConductorMaterial>(&format!("rough conductor {alpha}"), rough(alpha));
+    }
+    for eta in [1.5, 0.1, 1.0, 1.0001, 10.0] {
+        assert_finite::<DielectricMaterial>(
+            &format!("dielectric {eta}"),
+            dielectric::row(eta, [1.0; 3], [1.0; 3]),
+        );
+        assert_finite::<ThinDielectricMaterial>(&format!("thin {eta}"), thin_dielectric::row(eta));
+    }
+}
+
+#[test]
+fn wide_lanes_scatter_to_the_same_bits() {
+    struct Scatter;
+    impl Kernel for Scatter {
+        type Output = ();
+        #[inline(always)]
+        fn run<I: Isa>(self, _: I) {
+            compare::<I::Wide, I::One, LambertMaterial>(lambert::row([0.2, 0.5, 1.0]));
+            compare::<I::Wide, I::One, OrenNayarMaterial>(oren_nayar::row([0.2, 0.5, 1.0], 20.0));
+            compare::<I::Wide, I::One, ConductorMaterial>(conductor::row(GOLD.0, GOLD.1));
+            compare::<I::Wide, I::One, RoughConductorMaterial>(rough(0.2));
+            compare::<I::Wide, I::One, DielectricMaterial>(dielectric::row(1.5, TINTS.0, TINTS.1));
+            compare::<I::Wide, I::One, ThinDielectricMaterial>(thin_dielectric::row(1.5));
+        }
+    }
+    #[inline(always)]
+    fn compare<W: Real, O: Real, M: Material>(row: [f32; 8]) {
+        let (wide, one) = (bsdf::<M, W>(row), bsdf::<M, O>(row));
+        let mut random = Random::new(13);
+        for _ in 0..500 {
+            let wo: [[f64; 3]; 16] = core::array::from_fn(|_| random.direction());
+            let u: [[f32; 2]; 16] = core::array::from_fn(|_| [random.unit() as f32, random.unit() as f32]);
+            let pack = |f: &dyn Fn(usize) -> f32| W::load(&core::array::from_fn::<f32, 16, _>(f), 0);
+            let wo_wide =
+                Vec3::new(pack(&|i| wo[i][0] as f32), pack(&|i| wo[i][1] as f32), pack(&|i| wo[i][2] as f32));
+            let many = wide.sample(wo_wide, [pack(&|i| u[i][0]), pack(&|i| u[i][1])]);
+            let (eval, pdf) = (wide.eval(wo_wide, many.wi), wide.pdf(wo_wide, many.wi).to_array());
+            for i in 0..W::LANES {
+                let wo = lanes::<O>(wo[i]);
+                let s = one.sample(wo, [O::splat(u[i][0]), O::splat(u[i][1])]);
+                assert_eq!(many.valid.bits() >> i & 1 == 1, s.valid.any());
+                if !s.valid.any() {
+                    continue;
+                }
+                assert_eq!(many.wi.lane(i), s.wi.lane(0));
+                assert_eq!(many.weight.lane(i), s.weight.lane(0));
+                assert_eq!(many.pdf.to_array()[i], s.pdf.to_array()[0]);
+                assert_eq!(many.eta_scale.to_array()[i], s.eta_scale.to_array()[0]);
+                assert_eq!(eval.lane(i), one.eval(wo, s.wi).lane(0));
+                assert_eq!(pdf[i], one.pdf(wo, s.wi).to_array()[0]);
+            }
+        }
+    }
+    Level::available().for_each(|level| level.run(Scatter));
+}

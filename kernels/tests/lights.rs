@@ -1,0 +1,779 @@
+//! Lights: sampled directions against density, irradiance against analytic values, shadow rays that stop in time, the
+//! choice among lights, and the sum of both strategies.
+
+mod statistics;
+
+use core::f64::consts::PI;
+use core::marker::PhantomData;
+use core::num::Wrapping;
+use statistics::{
+    Around, Mean, Random, add, assert_distributed, cross, dot, length, narrow, normalize, scale, sub,
+    tangents, wide,
+};
+use wavepath_kernels::generate::{Camera, Filter, FilterAxis};
+use wavepath_kernels::intersect::triangle::ShearedRay;
+use wavepath_kernels::intersect::{Hit, sphere, test_triangle};
+use wavepath_kernels::lanes::{Real, Uint};
+use wavepath_kernels::light_sample::LightTable;
+use wavepath_kernels::light_sample::lights::{self, LightRow, choose, kind};
+use wavepath_kernels::math::Vec3;
+use wavepath_kernels::sampler::{Independent, Sampler, Sobol, Stream, stream_seed};
+use wavepath_kernels::scene::{Geometry, MaterialTable, Scene};
+use wavepath_kernels::shade::bsdf::{Bsdf, MaterialRow};
+use wavepath_kernels::shade::emission::emitted;
+use wavepath_kernels::shade::surface::Surface;
+use wavepath_kernels::shade::{Features, Vertex, lambert, rough_conductor, scatter};
+
+/// One lane, single or double precision.
+trait Scalar: Real<Mask = bool, Uint = Wrapping<u32>> + Into<f64> {}
+impl Scalar for f32 {}
+impl Scalar for f64 {}
+
+fn lanes<F: Real>(v: [f64; 3]) -> Vec3<F> {
+    Vec3::new(F::lit(v[0]), F::lit(v[1]), F::lit(v[2]))
+}
+fn array<F: Scalar>(v: Vec3<F>) -> [f64; 3] {
+    [v.x.into(), v.y.into(), v.z.into()]
+}
+
+/// A light with a place, as the tests know it.
+#[derive(Clone, Copy, Debug)]
+enum Shape {
+    /// Centre, signed radius.
+    Sphere([f32; 3], f32),
+    /// The same, sampled by area.
+    SphereArea([f32; 3], f32),
+    /// Corner, two edges.
+    Triangle([f32; 3], [f32; 3], [f32; 3]),
+    /// Centre, two half axes, at right angles and as long.
+    Disk([f32; 3], [f32; 3], [f32; 3]),
+}
+use Shape::{Disk, Sphere, SphereArea, Triangle};
+
+const RADIANCE: [f32; 3] = [2.0, 1.0, 0.5];
+
+struct Light {
+    shape: Shape,
+    two_sided: bool,
+    table: LightTable,
+}
+
+struct Sample {
+    direction: [f64; 3],
+    distance: f64,
+    radiance: f64,
+    pdf: f64,
+    valid: bool,
+}
+
+impl Light {
+    fn new(shape: Shape, two_sided: bool) -> Self {
+        let mut table = LightTable::default();
+        let mut row = [0.0f32; LightTable::STRIDE];
+        row[..3].copy_from_slice(&RADIANCE);
+        row[4] = two_sided as u8 as f32;
+        let kind = match shape {
+            Sphere(c, r) | SphereArea(c, r) => {
+                row[5..8].copy_from_slice(&c);
+                row[8] = r;
+                if let Sphere(..) = shape { kind::SPHERE } else { kind::SPHERE_AREA }
+            }
+            Triangle(p, a, b) | Disk(p, a, b) => {
+                row[5..8].copy_from_slice(&p);
+                row[8..11].copy_from_slice(&a);
+                row[11..14].copy_from_slice(&b);
+                let parallelogram = length(cross(wide(a), wide(b)));
+                let flat = matches!(shape, Triangle(..));
+                row[14] = (parallelogram * if flat { 0.5 } else { PI }) as f32;
+                if flat { kind::TRIANGLE } else { kind::DISK }
+            }
+        };
+        table.push(kind, row, 0);
+        table.choose_by_power(&[1.0]);
+        Light { shape, two_sided, table }
+    }
+    fn row<F: Real>(&self) -> LightRow<'_, F> {
+        // SAFETY: the table has one light.
+        unsafe { LightRow::new(&self.table, F::Uint::splat(0)) }
+    }
+    fn sample<F: Scalar>(&self, origin: [f64; 3], u: [f64; 2]) -> Sample {
+        let s = lights::sample::<F, { kind::ALL }>(&self.row(), lanes(origin), u.map(F::lit));
+        assert!(!s.delta);
+        Sample {
+            direction: array(s.direction),
+            distance: s.distance.into(),
+            radiance: s.radiance.x.into(),
+            pdf: s.pdf.into(),
+            valid: s.valid,
+        }
+    }
+    /// Where a ray meets the light first: distance, oriented normal.
+    fn meet(&self, origin: [f64; 3], d: [f64; 3]) -> Option<(f64, [f64; 3])> {
+        match self.shape {
+            Sphere(c, r) | SphereArea(c, r) => {
+                let (f, r) = (sub(wide(c), origin), r as f64);
+                let along = dot(f, d);
+                let across = sub(f, scale(d, along));
+                let half = (r * r - dot(across, across)).max(-1.0);
+                if half < 0.0 {
+                    return None;
+                }
+                let half = half.sqrt();
+                let t = if along - half > 0.0 { along - half } else { along + half };
+                (t > 0.0).then(|| (t, scale(sub(add(origin, scale(d, t)), wide(c)), 1.0 / r)))
+            }
+            Triangle(p, a, b) | Disk(p, a, b) => {
+                let (p, a, b) = (wide(p), wide(a), wide(b));
+                let n = normalize(cross(a, b));
+                let t = dot(n, sub(p, origin)) / dot(n, d);
+                let q = sub(add(origin, scale(d, t)), p);
+                // Coordinates of q in the basis (a, b).
+                let (aa, ab, bb) = (dot(a, a), dot(a, b), dot(b, b));
+                let det = aa * bb - ab * ab;
+                let x = (bb * dot(q, a) - ab * dot(q, b)) / det;
+                let y = (aa * dot(q, b) - ab * dot(q, a)) / det;
+                let inside = match self.shape {
+                    Triangle(..) => x >= 0.0 && y >= 0.0 && x + y <= 1.0,
+                    _ => x * x + y * y <= 1.0,
+                };
+                (t > 0.0 && inside).then_some((t, n))
+            }
+        }
+    }
+    /// The density of a direction, 0 where the light is not seen, for samples and rays alike.
+    fn density<F: Scalar>(&self, origin: [f64; 3], d: [f64; 3]) -> f64 {
+        match self.meet(origin, d) {
+            Some((t, n)) if self.two_sided || dot(n, d) < 0.0 => {
+                lights::pdf::<F, { kind::ALL }>(&self.row(), lanes(origin), lanes(d), F::lit(t), lanes(n))
+                    .into()
+            }
+            _ => 0.0,
+        }
+    }
+    /// A map of directions around the light.
+    fn map(&self, origin: [f64; 3]) -> Around {
+        let (centre, extent) = match self.shape {
+            Sphere(c, r) | SphereArea(c, r) => {
+                let d = length(sub(wide(c), origin));
+                let sin = (r.abs() as f64 / d).min(1.0);
+                // The rim is an edge of bins: tan(theta / 2), q = 1/2. Sampled by area it is crowded, and rounding
+                // takes samples across: there it lies within a bin.
+                let beyond = if let SphereArea(..) = self.shape { 1.05 } else { 1.0 };
+                let spread = if sin < 1.0 { beyond * sin / (1.0 + (1.0 - sin * sin).sqrt()) } else { 1.0 };
+                return Around::new(
+                    if d > 0.0 { normalize(sub(wide(c), origin)) } else { [0.0, 0.0, 1.0] },
+                    spread,
+                );
+            }
+            Triangle(p, a, b) => {
+                let third = add(wide(p), scale(add(wide(a), wide(b)), 1.0 / 3.0));
+                (third, 0.4 * length(wide(a)).max(length(wide(b))))
+            }
+            Disk(p, a, _) => (wide(p), length(wide(a))),
+        };
+        let to = sub(centre, origin);
+        Around::new(normalize(to), (0.5 * extent / length(to)).min(1.0))
+    }
+}
+
+/// A sphere of radius 1 seen from where r / d is `ratio`; turned inwards if `turn` is negative.
+fn ball(ratio: f64, turn: f32) -> (Shape, [f64; 3]) {
+    (Sphere([0.0; 3], turn), narrow(scale(normalize([0.3, -0.5, 0.8]), 1.0 / ratio)).map(f64::from))
+}
+
+fn by_area(shape: Shape) -> Shape {
+    match shape {
+        Sphere(c, r) => SphereArea(c, r),
+        other => other,
+    }
+}
+
+fn flat_lights() -> Vec<(String, Shape, [f64; 3], bool)> {
+    let triangle = Triangle([-1.0, -0.5, 0.0], [2.0, 0.25, 0.5], [0.5, 1.5, -0.25]);
+    let turned = Triangle([-1.0, -0.5, 0.0], [0.5, 1.5, -0.25], [2.0, 0.25, 0.5]);
+    let disk = Disk([0.0, 0.0, 0.5], [1.0, 0.0, 0.0], [0.0, 0.8, 0.6]);
+    let mut all = Vec::new();
+    for (where_, origin) in [
+        ("near", [0.2, 0.1, 0.75]),
+        ("far", [3.0, -8.0, 30.0]),
+        ("aside", [2.5, 0.5, 2.0]),
+        ("below", [0.3, 0.2, -2.0]),
+    ] {
+        for (name, shape) in [("triangle", triangle), ("turned triangle", turned), ("disk", disk)] {
+            for two_sided in [false, true] {
+                all.push((format!("{name}, {where_}, two-sided {two_sided}"), shape, origin, two_sided));
+            }
+        }
+    }
+    all
+}
+
+/// Samples in both precisions fall into bins as the double-precision density says.
+fn assert_sampling(what: &str, light: &Light, origin: [f64; 3], family: usize) {
+    let map = light.map(origin);
+    let integrals = map.integrals(|d| light.density::<f64>(origin, d));
+    let total: f64 = integrals.iter().sum();
+    assert!(total < 1.0 + 2e-4, "{what}: density integrates to {total}");
+    let lost = if total > 1.0 - 2e-4 { 0.0 } else { 1.0 - total };
+    let shares: Vec<f64> = integrals.into_iter().chain([lost]).collect();
+    assert_shares::<f64>(&format!("{what}, double"), light, origin, &map, &shares, 2 * family);
+    assert_shares::<f32>(&format!("{what}, single"), light, origin, &map, &shares, 2 * family);
+}
+
+fn assert_shares<F: Scalar>(
+    what: &str,
+    light: &Light,
+    origin: [f64; 3],
+    map: &Around,
+    shares: &[f64],
+    family: usize,
+) {
+    const SAMPLES: usize = 50_000;
+    let expected: Vec<f64> = shares.iter().map(|p| p * SAMPLES as f64).collect();
+    let mut observed = vec![0; expected.len()];
+    let mut random = Random::new(1);
+    for _ in 0..SAMPLES {
+        let s = light.sample::<F>(origin, [random.unit(), random.unit()]);
+        let bin = if s.valid { map.bin(s.direction) } else { shares.len() - 1 };
+        observed[bin] += 1;
+        if s.valid {
+            assert!((length(s.direction) - 1.0).abs() < 1e-6, "{what}: {:?}", s.direction);
+            assert_eq!(s.radiance, RADIANCE[0] as f64);
+        }
+    }
+    assert_distributed(what, &observed, &expected, family);
+}
+
+#[test]
+fn samples_follow_their_density() {
+    let flat = flat_lights();
+    let ratios = [0.999, 0.9, 0.5, 0.1, 1e-2, 1e-3];
+    let family = flat.len() + 4 * ratios.len() + 6;
+    for (what, shape, origin, two_sided) in flat {
+        let light = Light::new(shape, two_sided);
+        assert_sampling(&what, &light, origin, family);
+    }
+    for ratio in ratios {
+        for turn in [1.0, -1.0] {
+            let (shape, origin) = ball(ratio, turn);
+            for shape in [shape, by_area(shape)] {
+                let what = format!("{shape:?}, r / d = {ratio}");
+                // Turned inwards and seen from outside it is dark, unless both sides emit.
+                let light = Light::new(shape, turn < 0.0);
+                assert_sampling(&what, &light, origin, family);
+            }
+        }
+    }
+    for origin in [[0.0, 0.0, 0.0], [0.5, 0.2, -0.4], [0.0, 0.0, 0.999]] {
+        for shape in [Sphere([0.0; 3], -1.0), SphereArea([0.0; 3], -1.0)] {
+            let light = Light::new(shape, false);
+            assert_sampling(&format!("{shape:?} from within, {origin:?}"), &light, origin, family);
+        }
+    }
+}
+
+#[test]
+fn densities_are_those_of_the_samples_and_integrate_to_one() {
+    let mut random = Random::new(2);
+    for ratio in [0.999_999, 0.9, 0.1, 1e-3, 1e-4, 1e-5, 1e-6] {
+        let (shape, origin) = ball(ratio, 1.0);
+        let light = Light::new(shape, false);
+        let d2 = dot(origin, origin);
+        // Solid angle of the cone in double precision: 1 - cos = sin^2 / (1 + cos).
+        let solid_angle = 2.0 * PI / d2 / (1.0 + (1.0 - 1.0 / d2).max(0.0).sqrt());
+        for _ in 0..200 {
+            let u = [random.unit(), random.unit()];
+            let (fast, double) = (light.sample::<f32>(origin, u), light.sample::<f64>(origin, u));
+            assert!(
+                (double.pdf * solid_angle - 1.0).abs() < 1e-9,
+                "r / d = {ratio}: {}",
+                double.pdf * solid_angle
+            );
+            let tolerance = 2e-6 + 1e-7 / (1.0 - 1.0 / d2).max(1e-6).sqrt();
+            assert!(
+                (fast.pdf / double.pdf - 1.0).abs() < tolerance,
+                "r / d = {ratio}: {} {}",
+                fast.pdf,
+                double.pdf
+            );
+            assert!(fast.valid && double.valid);
+            let apart = length(sub(fast.direction, double.direction));
+            assert!(apart < tolerance, "r / d = {ratio}: directions differ by {apart}");
+            // Within the cone, as well as single precision has directions.
+            let sine = length(cross(fast.direction, normalize(origin)));
+            assert!(sine < ratio + 2e-7, "r / d = {ratio}: {sine}");
+        }
+    }
+    // A sample's own density is that of a ray in its direction.
+    for (what, shape, origin, two_sided) in flat_lights() {
+        let light = Light::new(shape, two_sided);
+        for _ in 0..200 {
+            let s = light.sample::<f64>(origin, [random.unit(), random.unit()]);
+            if s.valid && light.meet(origin, s.direction).is_some() {
+                let pdf = light.density::<f64>(origin, s.direction);
+                assert!((s.pdf / pdf - 1.0).abs() < 1e-6, "{what}: {} and {pdf}", s.pdf);
+            }
+        }
+    }
+}
+
+/// Mean of radiance * cos / pdf over samples in single precision.
+fn irradiance(light: &Light, origin: [f64; 3], normal: [f64; 3]) -> Mean {
+    let mut random = Random::new(3);
+    Mean::of((0..60_000).map(|_| {
+        let s = light.sample::<f32>(origin, [random.unit(), random.unit()]);
+        if s.valid { s.radiance * dot(s.direction, normal).max(0.0) / s.pdf } else { 0.0 }
+    }))
+}
+
+/// The third strategy: uniform directions, and see what they meet.
+fn irradiance_by_direction(light: &Light, origin: [f64; 3], normal: [f64; 3]) -> Mean {
+    let mut random = Random::new(4);
+    Mean::of((0..400_000).map(|_| {
+        let d = random.direction();
+        match light.meet(origin, d) {
+            Some((_, n)) if light.two_sided || dot(n, d) < 0.0 => {
+                4.0 * PI * RADIANCE[0] as f64 * dot(d, normal).max(0.0)
+            }
+            _ => 0.0,
+        }
+    }))
+}
+
+#[test]
+fn spheres_give_their_analytic_irradiance() {
+    let radiance = RADIANCE[0] as f64;
+    for ratio in [0.9, 0.5, 0.1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6] {
+        let (shape, origin) = ball(ratio, 1.0);
+        let d2 = dot(origin, origin);
+        let to = scale(normalize(origin), -1.0);
+        let [s, _] = tangents(to);
+        // Normals for which the whole sphere is above the horizon: cos above r / d.
+        for cos in [1.0f64, 0.95, ratio + 0.5 * (1.0 - ratio)] {
+            let normal = add(scale(to, cos), scale(s, (1.0 - cos * cos).sqrt()));
+            let want = PI * radiance * cos / d2;
+            for shape in [shape, by_area(shape)] {
+                let what = format!("{shape:?}, r / d = {ratio}, cos {cos}");
+                irradiance(&Light::new(shape, false), origin, normal).assert_near(&what, want, 2e-5);
+            }
+            if ratio > 0.2 {
+                let what = format!("directions, r / d = {ratio}, cos {cos}");
+                irradiance_by_direction(&Light::new(shape, false), origin, normal)
+                    .assert_near(&what, want, 0.0);
+            }
+        }
+        // Half-set: all three strategies give the same.
+        if ratio >= 0.1 {
+            let cos = 0.3 * ratio;
+            let normal = add(scale(to, cos), scale(s, (1.0 - cos * cos).sqrt()));
+            let cone = irradiance(&Light::new(shape, false), origin, normal);
+            let area = irradiance(&Light::new(by_area(shape), false), origin, normal);
+            let direction = irradiance_by_direction(&Light::new(shape, false), origin, normal);
+            for (name, other) in [("area", area), ("direction", direction)] {
+                let error = cone.standard_error().hypot(other.standard_error());
+                assert!((cone.mean - other.mean).abs() < 4.9 * error, "r / d = {ratio}: cone and {name}");
+            }
+        }
+    }
+    // From within, wherever: every surface sees nothing but light.
+    for origin in [[0.0; 3], [0.5, 0.2, -0.4], [0.0, 0.0, 0.99]] {
+        for shape in [Sphere([0.0; 3], -1.0), SphereArea([0.0; 3], -1.0)] {
+            let what = format!("{shape:?} from within, {origin:?}");
+            let normal = normalize([0.2, -0.3, 0.7]);
+            let mean = irradiance(&Light::new(shape, false), origin, normal);
+            mean.assert_near(&what, PI * radiance, 1e-5);
+            irradiance_by_direction(&Light::new(shape, false), origin, normal).assert_near(
+                &what,
+                PI * radiance,
+                0.0,
+            );
+        }
+    }
+    // Sides that do not emit.
+    let dark = |shape, origin| irradiance(&Light::new(shape, false), origin, [0.0, 0.0, 1.0]).mean;
+    assert_eq!(dark(Sphere([0.0, 0.0, 3.0], -1.0), [0.0; 3]), 0.0);
+    assert_eq!(dark(SphereArea([0.0, 0.0, 3.0], -1.0), [0.0; 3]), 0.0);
+    assert_eq!(dark(Sphere([0.0; 3], 1.0), [0.1; 3]), 0.0);
+    assert_eq!(dark(SphereArea([0.0; 3], 1.0), [0.1; 3]), 0.0);
+}
+
+#[test]
+fn flat_lights_give_their_analytic_irradiance() {
+    let radiance = RADIANCE[0] as f64;
+    for (r, h) in [(1.0, 0.5), (1.0, 3.0), (0.01, 5.0), (50.0, 1.0)] {
+        let disk = Disk([0.0, 0.0, h as f32], [0.0, r as f32, 0.0], [r as f32, 0.0, 0.0]);
+        let want = PI * radiance * r * r / (r * r + h * h);
+        let up = [0.0, 0.0, 1.0];
+        irradiance(&Light::new(disk, false), [0.0; 3], up).assert_near(&format!("disk {r} {h}"), want, 1e-5);
+        let other_side = irradiance(&Light::new(disk, false), [0.0, 0.0, 2.0 * h], [0.0, 0.0, -1.0]);
+        assert_eq!(other_side.mean, 0.0, "the disk emits on one side");
+        let both = irradiance(&Light::new(disk, true), [0.0, 0.0, 2.0 * h], [0.0, 0.0, -1.0]);
+        both.assert_near(&format!("two-sided disk {r} {h}"), want, 1e-5);
+    }
+    let mut random = Random::new(5);
+    for round in 0..40 {
+        let p: [[f64; 3]; 3] = [(); 3].map(|_| add(random.point(1.0), [0.0, 0.0, 2.0]));
+        let p = p.map(|p| wide(narrow(p)));
+        // Seen from the origin on the emitting side.
+        let n = cross(sub(p[1], p[0]), sub(p[2], p[0]));
+        let [b, c] = if dot(n, p[0]) < 0.0 { [p[1], p[2]] } else { [p[2], p[1]] };
+        // Lambert's formula for polygons above the horizon.
+        let up = [0.0, 0.0, 1.0];
+        let edge = |a: [f64; 3], b: [f64; 3]| {
+            let angle = dot(normalize(a), normalize(b)).clamp(-1.0, 1.0).acos();
+            angle * dot(normalize(cross(a, b)), up)
+        };
+        let want = 0.5 * radiance * (edge(p[0], b) + edge(b, c) + edge(c, p[0])).abs();
+        let shape = Triangle(narrow(p[0]), narrow(sub(b, p[0])), narrow(sub(c, p[0])));
+        irradiance(&Light::new(shape, false), [0.0; 3], up).assert_near(
+            &format!("triangle {round}"),
+            want,
+            1e-4,
+        );
+        let turned = Triangle(narrow(p[0]), narrow(sub(c, p[0])), narrow(sub(b, p[0])));
+        assert_eq!(irradiance(&Light::new(turned, false), [0.0; 3], up).mean, 0.0, "turned triangle {round}");
+    }
+}
+
+#[test]
+fn shadow_rays_stop_short_of_the_light_and_not_long_before() {
+    let mut random = Random::new(6);
+    for gap in [1e4, 1e2, 10.0, 1.0, 0.1, 1e-2, 1e-3, 1e-4] {
+        for radius in [1.0, 1e-3, 1e4f64] {
+            for _ in 0..2_000 {
+                let centre = narrow(random.point(radius));
+                let origin = add(wide(centre), scale(random.direction(), radius * (1.0 + gap)));
+                let origin = wide(narrow(origin));
+                for shape in [Sphere(centre, radius as f32), SphereArea(centre, radius as f32)] {
+                    let light = Light::new(shape, false);
+                    let s = light.sample::<f32>(origin, [random.unit(), random.unit()]);
+                    if !s.valid {
+                        continue;
+                    }
+                    let (_, hit) = sphere::intersect::<f32>(
+                        narrow(origin),
+                        narrow(s.direction),
+                        centre,
+                        radius as f32,
+                        s.distance as f32,
+                    );
+                    assert!(!hit, "{shape:?}, gap {gap}: the light shadows itself");
+                    // Where the ray meets the sphere at no grazing angle, things just in front of it throw a shadow.
+                    let Some((t, n)) = light.meet(origin, s.direction) else { continue };
+                    let cos = -dot(n, s.direction);
+                    if cos > 0.1 {
+                        let short = t - s.distance;
+                        // The distance is known to some roundings of the coordinates over the cosine.
+                        let bound = 2e-4 * t + 1e-5 * radius / cos + 1e-6 * length(origin);
+                        assert!(short < bound, "{shape:?}, gap {gap}: stops {short} short of {t}");
+                    }
+                }
+            }
+        }
+    }
+    for (what, shape, origin, _) in flat_lights() {
+        if let Triangle(p, a, b) = shape {
+            let corners = [p, narrow(add(wide(p), wide(a))), narrow(add(wide(p), wide(b)))];
+            let light = Light::new(shape, true);
+            for _ in 0..2_000 {
+                let s = light.sample::<f32>(origin, [random.unit(), random.unit()]);
+                let mut hit = Hit::none(s.distance as f32);
+                test_triangle(&corners, 0, &ShearedRay::new(narrow(origin), narrow(s.direction)), &mut hit);
+                assert!(hit.primitive != 0, "{what}: the light shadows itself");
+                assert!(light.meet(origin, s.direction).is_none_or(|(t, _)| t - s.distance < 2e-4 * t));
+            }
+        }
+    }
+}
+
+#[test]
+fn lights_without_extent() {
+    let push = |kind: u32, numbers: [f32; 10]| {
+        let mut row = [0.0; LightTable::STRIDE];
+        row[..3].copy_from_slice(&RADIANCE);
+        row[5..].copy_from_slice(&numbers);
+        let mut table = LightTable::default();
+        table.push(kind, row, 0);
+        table.choose_by_power(&[1.0]);
+        table
+    };
+    let sample = |table: &LightTable, origin: [f64; 3]| {
+        // SAFETY: the table has one light.
+        let row = unsafe { LightRow::<f32>::new(table, Wrapping(0)) };
+        let s = lights::sample::<f32, { kind::ALL }>(&row, lanes(origin), [0.3, 0.6]);
+        assert!(s.delta && s.pdf == 1.0);
+        s
+    };
+    let mut random = Random::new(7);
+    let position = [1.0f32, -2.0, 3.0];
+    let point = push(kind::POINT, [1.0, -2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let axis = narrow(normalize([0.2, 0.5, -0.8]));
+    let (start, end) = (30f64.to_radians().cos(), 45f64.to_radians().cos());
+    let spot = |start: f64, end: f64| {
+        let [x, y, z] = position;
+        push(kind::SPOT, [x, y, z, axis[0], axis[1], axis[2], start as f32, end as f32, 0.0, 0.0])
+    };
+    let (soft, sharp) = (spot(start, end), spot(end, end));
+    for _ in 0..5_000 {
+        let origin = wide(narrow(random.point(10.0)));
+        let to = sub(wide(position), origin);
+        let (d2, towards) = (dot(to, to), normalize(to));
+        let s = sample(&point, origin);
+        assert!(s.valid && length(sub(array(s.direction), towards)) < 5e-7);
+        for (got, intensity) in s.radiance.lane(0).into_iter().zip(RADIANCE) {
+            assert!((got as f64 / (intensity as f64 / d2) - 1.0).abs() < 1e-6);
+        }
+        let distance = d2.sqrt();
+        assert!((s.distance as f64) < distance && s.distance as f64 > 0.999 * distance);
+        // Smoothstep between the cosines.
+        let cos = -dot(towards, wide(axis));
+        let x = ((cos - end) / (start - end)).clamp(0.0, 1.0);
+        let want = RADIANCE[0] as f64 / d2 * x * x * (3.0 - 2.0 * x);
+        let s = sample(&soft, origin);
+        let got = if s.valid { s.radiance.x as f64 } else { 0.0 };
+        assert!((got - want).abs() < 1e-5 * RADIANCE[0] as f64 / d2, "{got}, not {want}");
+        let s = sample(&sharp, origin);
+        if (cos - end).abs() > 1e-6 {
+            assert_eq!(s.valid && s.radiance.x > 0.0, cos > end);
+        }
+    }
+    assert!(!sample(&point, wide(position)).valid, "at the point light itself");
+    let distant = push(kind::DISTANT, [0.6, 0.0, 0.8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let s = sample(&distant, [5.0, 6.0, 7.0]);
+    assert!(s.valid && s.distance == f32::INFINITY && s.direction.lane(0) == [0.6, 0.0, 0.8]);
+    assert_eq!(s.radiance.lane(0), RADIANCE);
+}
+
+fn lights_of_power(power: &[f64]) -> LightTable {
+    let mut table = LightTable::default();
+    for _ in power {
+        table.push(kind::POINT, [0.0; LightTable::STRIDE], 0);
+    }
+    table.choose_by_power(power);
+    table
+}
+
+fn probability(table: &LightTable, light: usize) -> f64 {
+    // SAFETY: callers name lights of the table.
+    unsafe { LightRow::<f32>::new(table, Wrapping(light as u32)) }.probability() as f64
+}
+
+/// How many of the 2^32 values of the bits choose each light: counted by bisection, as an entry of the alias table
+/// gives its own light first and the other one after.
+fn census(table: &LightTable) -> Vec<u64> {
+    let n = table.len() as u64;
+    let mut counts = vec![0u64; table.len()];
+    let chosen = |bits: u64| choose::<f32>(table, Wrapping(bits as u32)).0 as usize;
+    for entry in 0..n {
+        let (begin, end) = ((entry << 32).div_ceil(n), ((entry + 1) << 32).div_ceil(n));
+        let first = chosen(begin);
+        // First value that chooses another light.
+        let (mut low, mut high) = (begin, end);
+        while high - low > 1 {
+            let middle = (low + high) / 2;
+            if chosen(middle) == first { low = middle } else { high = middle }
+        }
+        counts[first] += high - begin;
+        if high < end {
+            counts[chosen(high)] += end - high;
+        }
+    }
+    assert_eq!(counts.iter().sum::<u64>(), 1 << 32);
+    counts
+}
+
+#[test]
+fn lights_are_chosen_with_their_probability() {
+    let mut random = Random::new(8);
+    let many: Vec<f64> = (0..1000).map(|_| random.magnitude(1e-3, 1e3)).collect();
+    let mut sparse = vec![0.0; 1000];
+    (sparse[17], sparse[500], sparse[999]) = (1.0, 2.0, 3.0);
+    let lamp_and_sun = vec![1e-3, 1e5, 1.0];
+    let extreme: Vec<f64> = (0..100).map(|_| random.magnitude(1e-6, 1e6)).collect();
+    for (what, power) in [
+        ("one", vec![5.0]),
+        ("one dark", vec![0.0]),
+        ("equal", vec![1.0, 1.0]),
+        ("two", vec![1.0, 3.0]),
+        ("dark and bright", vec![0.0, 1.0]),
+        ("thousand", many),
+        ("sparse", sparse),
+        ("lamp and sun", lamp_and_sun),
+        ("extreme", extreme),
+    ] {
+        let table = lights_of_power(&power);
+        let total: f64 = power.iter().sum();
+        let counts = census(&table);
+        let mut sum = 0.0;
+        for (i, &count) in counts.iter().enumerate() {
+            let (stated, real) = (probability(&table, i), count as f64 / 2f64.powi(32));
+            sum += stated;
+            // What an estimate divides by is exactly how often it is made, or the light would be too bright or dark.
+            assert!(
+                (stated / real - 1.0).abs() < 1e-6 || stated == real,
+                "{what}: light {i}: {stated}, really {real}"
+            );
+            let share = if total > 0.0 { power[i] / total } else { 1.0 / power.len() as f64 };
+            assert_eq!(count == 0, share == 0.0, "{what}: light {i} of share {share} has {count} chances");
+            assert!(
+                (real - share).abs() < 1e-3 * share + 1e-9 * power.len() as f64,
+                "{what}: {real}, share {share}"
+            );
+        }
+        assert!((sum - 1.0).abs() < 1e-5, "{what}: probabilities sum to {sum}");
+        // And with random bits.
+        let mut observed = vec![0; power.len()];
+        for index in 0..100_000 {
+            let stream = Stream { seed: stream_seed(1, Wrapping(index), 0), index: Wrapping(0) };
+            observed[choose::<f32>(&table, Independent::bits(stream, Wrapping(4))).0 as usize] += 1;
+        }
+        let expected: Vec<f64> = (0..power.len()).map(|i| 1e5 * probability(&table, i)).collect();
+        assert_distributed(what, &observed, &expected, 9);
+    }
+}
+
+#[test]
+fn lights_that_cannot_be_sampled_are_not_chosen() {
+    let mut table = LightTable::default();
+    table.push(kind::UNSAMPLED, [0.0; LightTable::STRIDE], 0);
+    table.push(kind::SPHERE, [0.0; LightTable::STRIDE], 0);
+    for power in [[5.0, 1.0], [5.0, 0.0], [0.0, 0.0], [f64::NAN, f64::INFINITY]] {
+        table.choose_by_power(&power);
+        assert_eq!(census(&table), [0, 1 << 32]);
+        assert_eq!((probability(&table, 0), probability(&table, 1)), (0.0, 1.0));
+    }
+}
+
+// -------------------------------------------------------------------------- both strategies, by the path step
+
+#[derive(Clone, Copy)]
+struct Plan<const LIGHTS: u32, S>(PhantomData<S>);
+impl<const LIGHTS: u32, S: Sampler> Features for Plan<LIGHTS, S> {
+    type Sampler = S;
+    const LIGHTS: u32 = LIGHTS;
+    const TRANSMISSION: bool = false;
+}
+
+fn scene_of(light: &Light, material: [f32; 8]) -> Scene {
+    let mut materials = MaterialTable::default();
+    materials.push(material);
+    let axis = || FilterAxis::constant(0.5);
+    let camera = Camera {
+        origin: [0.0; 3],
+        corner: [0.0, 0.0, 1.0],
+        right: [1.0, 0.0, 0.0],
+        down: [0.0, 1.0, 0.0],
+        lens: None,
+        filter: Filter { axes: [axis(), axis()] },
+    };
+    Scene {
+        camera,
+        geometry: Geometry::default(),
+        materials,
+        lights: light.table.clone(),
+        environment: [0.0; 3],
+        max_depth: 5,
+    }
+}
+
+/// Light that a surface at the origin, seen from `wo`, reflects from one light: shadow ray and scattered ray of the
+/// path step together.
+fn reflected<B: Bsdf<f32>, P: Features>(light: &Light, material: [f32; 8], wo: [f64; 3]) -> Mean {
+    let scene = scene_of(light, material);
+    // SAFETY: material 0 exists.
+    let bsdf = B::load(unsafe { MaterialRow::new(&scene.materials, Wrapping(0)) });
+    let up = Vec3::new(0.0, 0.0, 1.0);
+    // A size of 0: rays start at the origin itself, so that analytic values are exact.
+    let surface = Surface { point: Vec3::zero(), normal: up, shading_normal: up, size: 0.0f32 };
+    Mean::of((0..60_000u32).map(|sample| {
+        let stream = Stream { seed: stream_seed(3, Wrapping(sample), 0), index: Wrapping(sample & 7) };
+        let vertex = Vertex {
+            surface,
+            direction: -lanes::<f32>(wo),
+            throughput: Vec3::all(1.0),
+            eta_scale: 1.0,
+            stream,
+            depth: Wrapping(0),
+        };
+        let out = scatter::<f32, B, P>(&scene, &vertex, &bsdf);
+        let mut sum = if out.shadow.valid { out.shadow.radiance.x as f64 } else { 0.0 };
+        if out.throughput.x > 0.0 {
+            let d = array(out.direction);
+            if let Some((t, n)) = light.meet([0.0; 3], d) {
+                // SAFETY: light 0 exists.
+                let found = unsafe {
+                    emitted::<f32, P>(
+                        &scene,
+                        Wrapping(0),
+                        out.origin,
+                        out.direction,
+                        t as f32,
+                        lanes(n),
+                        out.pdf,
+                    )
+                };
+                sum += (out.throughput.x * found.x) as f64;
+            }
+        }
+        sum
+    }))
+}
+
+#[test]
+fn both_strategies_together_are_unbiased() {
+    use wavepath_kernels::shade::{lambert::Lambert, rough_conductor::RoughConductor};
+    let wo = normalize([0.5, 0.1, 0.6]);
+    let wo = wide(narrow(wo));
+    let radiance = RADIANCE[0] as f64;
+    let grey = lambert::row([0.5; 3]);
+    for (shape, two_sided) in [
+        (Sphere([0.0, 0.0, 1.2], 1.0), false),
+        (Sphere([0.3, 0.4, 5.0], 1.0), false),
+        (Sphere([0.3, 0.4, 500.0], 1.0), false),
+        (Sphere([0.1, 0.0, 0.2], -1.0), false),
+        (Triangle([-1.0, -1.0, 1.0], [0.0, 3.0, 0.2], [2.0, 0.0, 0.0]), false),
+        (Triangle([-1.0, -1.0, 1.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.2]), true),
+        (Disk([0.0, 0.0, 0.5], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), false),
+    ] {
+        let light = Light::new(shape, two_sided);
+        // What is reflected, by quadrature over the light's directions.
+        let quadrature = |eval: &dyn Fn([f64; 3]) -> f64| -> f64 {
+            light
+                .map([0.0; 3])
+                .integrals(|d| match light.meet([0.0; 3], d) {
+                    Some((_, n)) if d[2] > 0.0 && (two_sided || dot(n, d) < 0.0) => radiance * eval(d),
+                    _ => 0.0,
+                })
+                .iter()
+                .sum()
+        };
+        let want = quadrature(&|d| 0.5 / PI * d[2]);
+        let what = format!("Lambert under {shape:?}");
+        let lambert =
+            |light: &Light| reflected::<Lambert<f32>, Plan<{ kind::ALL }, Independent>>(light, grey, wo);
+        lambert(&light).assert_near(&what, want, 2e-4);
+        reflected::<Lambert<f32>, Plan<{ kind::ALL }, Sobol>>(&light, grey, wo)
+            .assert_near(&what, want, 2e-4);
+        if let Sphere(..) = shape {
+            // As scenes with nothing but such spheres are rendered, and by area.
+            reflected::<Lambert<f32>, Plan<{ kind::SPHERE }, Sobol>>(&light, grey, wo)
+                .assert_near(&what, want, 2e-4);
+            lambert(&Light::new(by_area(shape), two_sided)).assert_near(&format!("{what}, area"), want, 2e-4);
+        }
+        // Without light sampling: the same, more noise.
+        let alone = reflected::<Lambert<f32>, Plan<0, Independent>>(&light, grey, wo);
+        if want > 0.01 {
+            alone.assert_near(&format!("{what}, BSDF alone"), want, 2e-4);
+        }
+        for alpha in [0.05, 0.3] {
+            let row = rough_conductor::row([0.2; 3], [3.0; 3], alpha);
+            let mut table = MaterialTable::default();
+            table.push(row);
+            // SAFETY: material 0 exists.
+            let oracle = RoughConductor::<f64>::load(unsafe { MaterialRow::new(&table, Wrapping(0)) });
+            let want = quadrature(&|d| oracle.eval(lanes(wo), lanes(d)).x);
+            let got = reflected::<RoughConductor<f32>, Plan<{ kind::ALL }, Independent>>(&light, row, wo);
+            got.assert_near(&format!("rough conductor {alpha} under {shape:?}"), want, 1e-3);
+        }
+    }
+}
