@@ -49,7 +49,7 @@ impl Quantum {
         } else if shift < -25 {
             0
         } else {
-            mantissa + (1 << (-shift - 1)) >> -shift
+            (mantissa + (1 << (-shift - 1))) >> -shift
         })
     }
 
