@@ -296,7 +296,6 @@ fn an_interrupted_render_is_consistent() {
     for engine in ENGINES {
         let render = Render { engine, spp: None, batch: 1000, ..Render::default() };
         let rendered = render.watched(&everything(), |done, interrupted| {
-            assert!(done.rays.load(Ordering::Relaxed) >= done.samples.load(Ordering::Relaxed));
             interrupted.store(done.samples.load(Ordering::Relaxed) > 20_000, Ordering::Relaxed);
         });
         assert_consistent("interrupted", &rendered);
