@@ -52,7 +52,8 @@ pub trait Sampler: Copy + Send + Sync + 'static {
     /// A point in the unit square.
     #[inline(always)]
     fn two<F: Real>(stream: Stream<F::Uint>, dimension: F::Uint) -> [F; 2] {
-        Self::bits2(stream, dimension).map(F::unit_from_bits)
+        let [x, y] = Self::bits2(stream, dimension);
+        [F::unit_from_bits(x), F::unit_from_bits(y)]
     }
 }
 

@@ -14,6 +14,8 @@ pub mod sphere;
 pub mod triangle;
 
 use crate::isa::{Isa, Kernel};
+use crate::lanes::{Mask, Real, Uint};
+use crate::math::Vec3;
 use crate::queue::{HitQueue, PathQueue};
 use crate::scene::{Geometry, MISS};
 use triangle::ShearedRay;
@@ -49,6 +51,26 @@ impl Hit {
 pub struct TraversalStack {
     /// Nodes to visit, and the distance at which the ray enters them.
     pub entries: Vec<(u32, f32)>,
+    /// Nodes to visit, and the distance at which each ray of a packet enters them.
+    pub packets: Vec<(u32, PacketDistances)>,
+}
+
+/// A distance for each ray of a packet, whole cache lines.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(align(64))]
+pub struct PacketDistances(pub [f32; 16]);
+
+/// The closest hits of a packet of rays, as [`Hit`].
+#[derive(Clone, Copy, Debug)]
+pub struct PacketHit<F: Real> {
+    /// Distance; infinite for none.
+    pub t: F,
+    /// Primitive, or [`MISS`].
+    pub primitive: F::Uint,
+    /// Barycentric weight of the second corner of a triangle.
+    pub u: F,
+    /// Barycentric weight of the third corner.
+    pub v: F,
 }
 
 /// What rays are traced through.
@@ -72,10 +94,62 @@ pub trait Accelerator: Sync {
         distance: f32,
         stack: &mut TraversalStack,
     ) -> bool;
+    /// The closest hits of the `active` rays of a packet.
+    #[inline(always)]
+    fn closest_packet<I: Isa>(
+        &self,
+        isa: I,
+        origin: Vec3<I::Wide>,
+        direction: Vec3<I::Wide>,
+        active: <I::Wide as Real>::Mask,
+        stack: &mut TraversalStack,
+    ) -> PacketHit<I::Wide> {
+        let (mut t, mut primitive) = ([f32::INFINITY; 16], [MISS; 16]);
+        let (mut u, mut v) = ([0.0; 16], [0.0; 16]);
+        for lane in set_lanes(active.bits()) {
+            let hit = self.closest(isa, origin.lane(lane), direction.lane(lane), stack);
+            (t[lane], primitive[lane], u[lane], v[lane]) = (hit.t, hit.primitive, hit.u, hit.v);
+        }
+        PacketHit {
+            t: I::Wide::load(&t, 0),
+            primitive: <I::Wide as Real>::Uint::load(&primitive, 0),
+            u: I::Wide::load(&u, 0),
+            v: I::Wide::load(&v, 0),
+        }
+    }
+    /// The `active` rays of a packet that hit anything within their distance.
+    #[inline(always)]
+    fn occluded_packet<I: Isa>(
+        &self,
+        isa: I,
+        origin: Vec3<I::Wide>,
+        direction: Vec3<I::Wide>,
+        distance: I::Wide,
+        active: <I::Wide as Real>::Mask,
+        stack: &mut TraversalStack,
+    ) -> <I::Wide as Real>::Mask {
+        let distance = distance.to_array();
+        let blocked = set_lanes(active.bits()).fold(0, |bits, lane| {
+            let blocked = self.occluded(isa, origin.lane(lane), direction.lane(lane), distance[lane], stack);
+            bits | (blocked as u32) << lane
+        });
+        <I::Wide as Real>::Mask::from_bits(blocked)
+    }
     /// Room that a traversal needs.
     fn stack(&self) -> TraversalStack;
     /// Bytes on the heap.
     fn bytes(&self) -> usize;
+}
+
+/// The places of the set bits.
+#[inline(always)]
+fn set_lanes(mut bits: u32) -> impl Iterator<Item = usize> {
+    core::iter::from_fn(move || {
+        let lane = bits.trailing_zeros() as usize;
+        let some = bits != 0;
+        bits &= bits.wrapping_sub(1);
+        some.then_some(lane & 15)
+    })
 }
 
 /// The closest hit of one ray, as a kernel of its own: engines that trace ray by ray call it, and it is compiled once.
@@ -210,16 +284,22 @@ impl<A: Accelerator> Kernel for Intersect<'_, A> {
     fn run<I: Isa>(self, isa: I) {
         let (rays, hits) = (self.paths, self.hits);
         let barycentric = !hits.u.is_empty();
-        for i in 0..rays.len {
-            let origin = [rays.origin_x[i], rays.origin_y[i], rays.origin_z[i]];
-            let direction = [rays.direction_x[i], rays.direction_y[i], rays.direction_z[i]];
-            let hit = self.accelerator.closest(isa, origin, direction, self.stack);
-            hits.t[i] = hit.t;
-            hits.primitive[i] = hit.primitive;
+        let mut at = 0;
+        while at < rays.len {
+            // Columns are padded, so whole vectors can be read and written.
+            let active = <I::Wide as Real>::Mask::first((rays.len - at).min(I::Wide::LANES));
+            let column = |c: &[f32]| I::Wide::load(c, at);
+            let origin = Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
+            let direction =
+                Vec3::new(column(&rays.direction_x), column(&rays.direction_y), column(&rays.direction_z));
+            let hit = self.accelerator.closest_packet(isa, origin, direction, active, self.stack);
+            hit.t.store(&mut hits.t, at);
+            hit.primitive.store(&mut hits.primitive, at);
             if barycentric {
-                hits.u[i] = hit.u;
-                hits.v[i] = hit.v;
+                hit.u.store(&mut hits.u, at);
+                hit.v.store(&mut hits.v, at);
             }
+            at += I::Wide::LANES;
         }
         hits.len = rays.len;
     }

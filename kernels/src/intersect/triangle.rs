@@ -3,7 +3,7 @@
 //! Sums and products are plain, never fused: an edge must give the same number from both of its triangles, and every
 //! build and lane type must give the same bits.
 
-use crate::lanes::{Mask, Real};
+use crate::lanes::{Mask, Real, map3};
 
 /// A ray prepared for triangles: axes permuted so that its direction is longest along the last one, and sheared so
 /// that it points along it.
@@ -21,7 +21,7 @@ impl ShearedRay {
     /// Prepares a ray; `direction` is not zero.
     #[inline(always)]
     pub fn new(origin: [f32; 3], direction: [f32; 3]) -> Self {
-        let [x, y, z] = direction.map(f32::abs);
+        let [x, y, z] = map3!(direction, |x| x.abs());
         let kz = if x > y && x > z {
             0
         } else if y > z {
@@ -29,11 +29,9 @@ impl ShearedRay {
         } else {
             2
         };
-        let (mut kx, mut ky) = ([1, 2, 0][kz], [2, 0, 1][kz]);
-        // Keeps the winding.
-        if direction[kz] < 0.0 {
-            core::mem::swap(&mut kx, &mut ky);
-        }
+        // The winding turns with the sign of the direction, and with it the signs of all edge functions and of their
+        // sum: distances and weights are the same, to the bit.
+        let (kx, ky) = ([1, 2, 0][kz], [2, 0, 1][kz]);
         let scale = 1.0 / direction[kz];
         ShearedRay {
             axes: [kx, ky, kz],
@@ -61,16 +59,20 @@ pub struct TriangleHits<F: Real> {
 #[inline(always)]
 pub fn intersect<F: Real>(ray: &ShearedRay, corners: &[[F; 3]; 3], t_max: F) -> TriangleHits<F> {
     let [kx, ky, kz] = ray.axes;
-    let [sx, sy, sz] = ray.shear.map(F::splat);
-    let [ox, oy, oz] = ray.origin.map(F::splat);
+    let [sx, sy, sz] = map3!(ray.shear, |x| F::splat(x));
+    let [ox, oy, oz] = map3!(ray.origin, |x| F::splat(x));
     // Corners relative to the ray, sheared: the ray is the z axis.
-    let shear = |corner: &[F; 3]| {
+    let sheared = map3!(*corners, |corner| {
         let z = corner[kz] - oz;
-        ((corner[kx] - ox) - sx * z, (corner[ky] - oy) - sy * z, sz * z)
-    };
-    let (ax, ay, az) = shear(&corners[0]);
-    let (bx, by, bz) = shear(&corners[1]);
-    let (cx, cy, cz) = shear(&corners[2]);
+        [(corner[kx] - ox) - sx * z, (corner[ky] - oy) - sy * z, sz * z]
+    });
+    intersect_sheared(sheared, t_max)
+}
+
+/// The z axis against triangles whose corners are given in the ray's sheared coordinates.
+#[inline(always)]
+pub fn intersect_sheared<F: Real>(corners: [[F; 3]; 3], t_max: F) -> TriangleHits<F> {
+    let [[ax, ay, az], [bx, by, bz], [cx, cy, cz]] = corners;
     // Scaled barycentric coordinates: edge functions around the origin.
     let mut u = cx * by - cy * bx;
     let mut v = ax * cy - ay * cx;

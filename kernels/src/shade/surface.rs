@@ -1,6 +1,6 @@
 //! The point where a ray met a surface: put back onto the primitive, with its normals.
 
-use crate::lanes::{Mask, Real, Uint};
+use crate::lanes::{Mask, Real, Uint, map3};
 use crate::math::Vec3;
 use crate::scene::{Geometry, QuadricForm};
 
@@ -98,13 +98,13 @@ impl<F: Real> Surface<F> {
 unsafe fn interpolated_normal<F: Real>(geometry: &Geometry, triangle: F::Uint, u: F, v: F) -> Vec3<F> {
     let first = triangle * F::Uint::splat(3);
     // SAFETY: the caller's promise.
-    let corner = |k: u32| unsafe {
+    let [a, b, c] = map3!([0, 1, 2], |k| unsafe {
         let n = F::Uint::gather(&geometry.triangle_normals, first + F::Uint::splat(k)) * F::Uint::splat(3);
-        let at = |c: u32| F::gather(&geometry.normals, n + F::Uint::splat(c));
-        Vec3::new(at(0), at(1), at(2))
-    };
+        let [x, y, z] = map3!([0, 1, 2], |c| F::gather(&geometry.normals, n + F::Uint::splat(c)));
+        Vec3::new(x, y, z)
+    });
     let w = F::one() - u - v;
-    corner(0).mul_add(w, corner(1).mul_add(u, corner(2).scale(v))).normalize()
+    a.mul_add(w, b.mul_add(u, c.scale(v))).normalize()
 }
 
 /// Points and normals of the quadric lanes, one at a time: they are rare.

@@ -1,10 +1,12 @@
 //! An 8-wide tree, collapsed from obvhs' binary one, with triangles gathered four to a block.
 
-use super::bvh2::{self, beyond, inverse};
-use super::triangle::{self, ShearedRay};
-use super::{Accelerator, Hit, TraversalStack, test_round};
+mod packet;
+mod single;
+
+use super::{Accelerator, Hit, PacketDistances, PacketHit, TraversalStack, bvh2};
 use crate::isa::Isa;
-use crate::lanes::{Mask, Real};
+use crate::lanes::{Real, Uint};
+use crate::math::Vec3;
 use crate::scene::{Geometry, MISS};
 use obvhs::bvh2::Bvh2;
 
@@ -243,154 +245,6 @@ impl Collapse<'_, '_> {
     }
 }
 
-impl Bvh8<'_> {
-    /// Walks the tree. `ANY`: stops at the first hit.
-    #[inline(always)]
-    fn walk<I: Isa, const ANY: bool>(
-        &self,
-        origin: [f32; 3],
-        direction: [f32; 3],
-        t_max: f32,
-        stack: &mut TraversalStack,
-    ) -> Hit {
-        let mut hit = Hit::none(t_max);
-        if self.nodes.is_empty() {
-            return hit;
-        }
-        let sheared = ShearedRay::new(origin, direction);
-        let inverse = direction.map(inverse);
-        let o: [I::Eight; 3] = origin.map(I::Eight::splat);
-        let inv: [I::Eight; 3] = inverse.map(I::Eight::splat);
-        // Which of the two sides of an axis the ray meets first.
-        let near = [0, 1, 2].map(|axis| 2 * axis + (inverse[axis] < 0.0) as usize);
-        assert!(stack.entries.len() >= self.stack);
-        let stack = stack.entries.as_mut_ptr();
-        let mut held = 0usize;
-        let mut current = 0u32;
-        let mut limit = I::Eight::splat(beyond(t_max));
-        loop {
-            if current & Child::LEAF == 0 {
-                // SAFETY: inner children are numbers of nodes.
-                let node = unsafe { self.nodes.get_unchecked(current as usize) };
-                // (side - origin) * inverse, not a fused side * inverse - origin * inverse: that cancels for rays
-                // almost parallel to an axis.
-                let enter = |axis: usize| (I::Eight::load(&node.bounds[near[axis]], 0) - o[axis]) * inv[axis];
-                let leave =
-                    |axis: usize| (I::Eight::load(&node.bounds[near[axis] ^ 1], 0) - o[axis]) * inv[axis];
-                let t_enter = enter(0).max(enter(1)).max(enter(2)).max(I::Eight::zero());
-                // Rounding of the far sides must not lose boxes (Ize 2013).
-                let t_leave =
-                    leave(0).min(leave(1)).min(leave(2)) * I::Eight::lit(1.0 + 4.0 * f32::EPSILON as f64);
-                let mut lanes = t_enter.le(t_leave.min(limit)).bits();
-                if lanes != 0 {
-                    let mut at = [0.0f32; WIDTH];
-                    t_enter.store(&mut at, 0);
-                    // SAFETY: `self.stack` entries hold all that any way down leaves behind, and `stack` has them;
-                    // lanes are below WIDTH.
-                    unsafe {
-                        let base = held;
-                        let mut pop = || {
-                            let lane = lanes.trailing_zeros() as usize;
-                            lanes &= lanes - 1;
-                            ((*node.child.get_unchecked(lane), *at.get_unchecked(lane)), lanes)
-                        };
-                        let (first, rest) = pop();
-                        if rest == 0 {
-                            current = first.0;
-                            continue;
-                        }
-                        let (second, mut rest) = pop();
-                        if rest == 0 {
-                            let (nearer, farther) =
-                                if first.1 <= second.1 { (first, second) } else { (second, first) };
-                            stack.add(held).write(farther);
-                            held += 1;
-                            current = nearer.0;
-                            continue;
-                        }
-                        // Farthest first, by insertion.
-                        let (a, b) = if first.1 >= second.1 { (first, second) } else { (second, first) };
-                        stack.add(held).write(a);
-                        stack.add(held + 1).write(b);
-                        held += 2;
-                        while rest != 0 {
-                            let (entry, left) = pop();
-                            rest = left;
-                            let mut place = held;
-                            while place > base && (*stack.add(place - 1)).1 < entry.1 {
-                                stack.add(place).write(*stack.add(place - 1));
-                                place -= 1;
-                            }
-                            stack.add(place).write(entry);
-                            held += 1;
-                        }
-                        held -= 1;
-                        current = (*stack.add(held)).0;
-                    }
-                    continue;
-                }
-            } else {
-                self.leaf::<I, ANY>(Child(current), &sheared, origin, direction, &mut hit);
-                if ANY && hit.primitive != MISS {
-                    return hit;
-                }
-                limit = I::Eight::splat(beyond(hit.t));
-            }
-            // The next node that is not behind the hit.
-            loop {
-                if held == 0 {
-                    return hit;
-                }
-                held -= 1;
-                // SAFETY: entries below `held` were written.
-                let (node, t) = unsafe { *stack.add(held) };
-                if t <= beyond(hit.t) {
-                    current = node;
-                    break;
-                }
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn leaf<I: Isa, const ANY: bool>(
-        &self,
-        leaf: Child,
-        sheared: &ShearedRay,
-        origin: [f32; 3],
-        direction: [f32; 3],
-        hit: &mut Hit,
-    ) {
-        if leaf.0 & Child::ROUND != 0 {
-            for place in leaf.range() {
-                test_round(self.geometry, self.round[place], origin, direction, hit);
-            }
-            return;
-        }
-        for place in leaf.range() {
-            // SAFETY: leaves hold numbers of blocks.
-            let block = unsafe { self.blocks.get_unchecked(place) };
-            let corners = [0, 1, 2].map(|k| [0, 1, 2].map(|axis| I::Four::load(&block.corners[k][axis], 0)));
-            let found = triangle::intersect::<I::Four>(sheared, &corners, I::Four::splat(hit.t));
-            let mut lanes = found.hit.bits();
-            if lanes == 0 {
-                continue;
-            }
-            let (t, u, v) = (found.t.to_array(), found.u.to_array(), found.v.to_array());
-            while lanes != 0 {
-                let lane = lanes.trailing_zeros() as usize & (BLOCK - 1);
-                lanes &= lanes - 1;
-                if hit.yields_to(t[lane], block.primitive[lane]) {
-                    *hit = Hit { t: t[lane], primitive: block.primitive[lane], u: u[lane], v: v[lane] };
-                }
-            }
-            if ANY {
-                return;
-            }
-        }
-    }
-}
-
 impl Accelerator for Bvh8<'_> {
     const NAME: &'static str = "BVH8";
 
@@ -402,7 +256,8 @@ impl Accelerator for Bvh8<'_> {
         direction: [f32; 3],
         stack: &mut TraversalStack,
     ) -> Hit {
-        self.walk::<I, false>(origin, direction, f32::INFINITY, stack)
+        let none = Hit::none(f32::INFINITY);
+        self.walk::<I, false>(Child(0), origin, direction, none, &mut stack.entries)
     }
     #[inline(always)]
     fn occluded<I: Isa>(
@@ -413,10 +268,39 @@ impl Accelerator for Bvh8<'_> {
         distance: f32,
         stack: &mut TraversalStack,
     ) -> bool {
-        self.walk::<I, true>(origin, direction, distance, stack).primitive != MISS
+        let none = Hit::none(distance);
+        self.walk::<I, true>(Child(0), origin, direction, none, &mut stack.entries).primitive != MISS
+    }
+    #[inline(always)]
+    fn closest_packet<I: Isa>(
+        &self,
+        _: I,
+        origin: Vec3<I::Wide>,
+        direction: Vec3<I::Wide>,
+        active: <I::Wide as Real>::Mask,
+        stack: &mut TraversalStack,
+    ) -> PacketHit<I::Wide> {
+        let far = I::Wide::lit(f64::INFINITY);
+        self.walk_packet::<I, false>(origin, direction, far, active, stack)
+    }
+    #[inline(always)]
+    fn occluded_packet<I: Isa>(
+        &self,
+        _: I,
+        origin: Vec3<I::Wide>,
+        direction: Vec3<I::Wide>,
+        distance: I::Wide,
+        active: <I::Wide as Real>::Mask,
+        stack: &mut TraversalStack,
+    ) -> <I::Wide as Real>::Mask {
+        let hit = self.walk_packet::<I, true>(origin, direction, distance, active, stack);
+        !hit.primitive.eq(<I::Wide as Real>::Uint::splat(MISS))
     }
     fn stack(&self) -> TraversalStack {
-        TraversalStack { entries: vec![(0, 0.0); self.stack] }
+        TraversalStack {
+            entries: vec![(0, 0.0); self.stack],
+            packets: vec![(0, PacketDistances([0.0; 16])); self.stack],
+        }
     }
     fn bytes(&self) -> usize {
         size_of_val(&self.nodes[..]) + size_of_val(&self.blocks[..]) + size_of_val(&self.round[..])
