@@ -1,7 +1,7 @@
 #!/bin/sh
 # Renders the pictures of the README into docs/gallery/.
 #
-#   scenes/make-gallery.sh          all of them; about twenty minutes on two cores
+#   scenes/make-gallery.sh          all of them; about ten minutes on two cores
 #   scenes/make-gallery.sh NAME ... those only
 #
 # The scenes marked "large" need their meshes: scenes/make-meshes.sh large. They are made if they are missing.
@@ -26,17 +26,17 @@ while read -r scene size spp; do
     echo "$scene: $size, $spp samples a pixel"
     $WAVEPATH render "$scene.pbrt" -o "../docs/gallery/$scene.png" --resolution "$size" --spp "$spp" --quiet </dev/null
 done <<END
-cornell         400x400 1024
-wineglass       320x320 1536
-caustics        400x300 1536
-metals          480x240 1024
-terrain         480x270 256
-julia           320x320 256
-menger          320x320 512
-many-lights     400x300 512
-depth-of-field  480x270 512
-glass-pane      400x250 512
-spotlight       400x300 512
+cornell         400x400 512
+wineglass       320x320 768
+caustics        400x300 768
+metals          480x240 512
+terrain         480x270 128
+julia           320x320 128
+menger          320x320 256
+many-lights     400x300 256
+depth-of-field  480x270 256
+glass-pane      400x250 256
+spotlight       400x300 256
 oren-nayar      400x300 128
 inside-emitter  320x320 256
 sky-only        400x300 256

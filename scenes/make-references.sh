@@ -23,11 +23,11 @@ oren-nayar        8192 1.1e-5
 inside-emitter    8192 1.4e-5
 sky-only          8192 2e-5
 cornell          24576 4.5e-5
-glass-pane       32768 3e-5
-depth-of-field   16384 7e-5
-metals           24576 8e-5
-spotlight        65536 1.2e-4
-many-lights      49152 1.3e-4
-wineglass        32768 1.4e-4
-caustics         65536 2e-4
+glass-pane       16384 6e-5
+depth-of-field   12288 9e-5
+metals           16384 1.3e-4
+spotlight        24576 3e-4
+many-lights      24576 3e-4
+wineglass        16384 3e-4
+caustics         24576 5e-4
 END

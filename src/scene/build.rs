@@ -183,8 +183,10 @@ fn uniform_scale(m: &DAffine3) -> Option<f64> {
     (largest <= 1e-6 * s2).then(|| s2.sqrt())
 }
 
-fn luminance(rgb: d::Rgb) -> f64 {
-    0.2126 * rgb[0] as f64 + 0.7152 * rgb[1] as f64 + 0.0722 * rgb[2] as f64
+/// What a light's colour counts for when lights are chosen. Not its luminance: errors are measured channel by channel,
+/// and a blue lamp would be chosen ten times too rarely.
+fn brightness(rgb: d::Rgb) -> f64 {
+    rgb.iter().map(|&x| x as f64).sum::<f64>() / 3.0
 }
 
 impl Builder<'_> {
@@ -269,7 +271,7 @@ impl Builder<'_> {
         row[4] = emission.two_sided as u8 as f32;
         row[5..].copy_from_slice(&geometry);
         let id = self.lights.push(kind, row, material.id);
-        self.powers.push(luminance(radiance) * area * sides * std::f64::consts::PI);
+        self.powers.push(brightness(radiance) * area * sides * std::f64::consts::PI);
         PrimitiveTag::light(material.class, id)
     }
 
@@ -464,7 +466,7 @@ impl Builder<'_> {
                 d::Light::Point { intensity, position } => {
                     put(0, intensity);
                     put(5, position.as_vec3().into());
-                    (kind::POINT, luminance(intensity) * 4.0 * std::f64::consts::PI)
+                    (kind::POINT, brightness(intensity) * 4.0 * std::f64::consts::PI)
                 }
                 d::Light::Spot { intensity, position, direction, cos_falloff_start, cos_total_width } => {
                     put(0, intensity);
@@ -473,12 +475,12 @@ impl Builder<'_> {
                     row[11] = cos_falloff_start as f32;
                     row[12] = cos_total_width as f32;
                     let cap = 1.0 - 0.5 * (cos_falloff_start + cos_total_width);
-                    (kind::SPOT, luminance(intensity) * 2.0 * std::f64::consts::PI * cap)
+                    (kind::SPOT, brightness(intensity) * 2.0 * std::f64::consts::PI * cap)
                 }
                 d::Light::Distant { radiance, direction } => {
                     put(0, radiance);
                     put(5, (-direction).as_vec3().into());
-                    (kind::DISTANT, luminance(radiance) * std::f64::consts::PI * radius * radius)
+                    (kind::DISTANT, brightness(radiance) * std::f64::consts::PI * radius * radius)
                 }
             };
             if row[..3] != [0.0; 3] {
