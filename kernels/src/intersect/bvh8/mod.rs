@@ -91,8 +91,13 @@ struct Collapse<'t, 'a> {
 }
 
 impl<'a> Bvh8<'a> {
-    /// Trees up to this size are walked in packets by all rays: most rays visit most of such a tree.
-    const SMALL: usize = 16 << 10;
+    /// Trees up to this size (bytes) are walked in packets by all rays, even by those that go different ways: nodes are
+    /// near, and a packet loads each of them once.
+    ///
+    /// Measured time of bounce rays, packets : single : interleaved. Cornell box (40 primitives) 1 : 2.1 : 3.0; glass
+    /// mesh (20 thousand) 1 : 0.98 : 1.3; knots (some MiB) 1 : 1.09 : 0.91; two million triangles (L3 of 32 MiB)
+    /// 1 : 0.75 : 0.57 and 1 : 0.80 : 0.54.
+    const SMALL: usize = 8 << 20;
 
     /// Builds the tree.
     pub fn new(geometry: &'a Geometry) -> Self {

@@ -1,0 +1,143 @@
+//! The shipped scenes against their references: the wavefront with Sobol points against images of the megakernel with
+//! independent random numbers, made by `scenes/make-references.sh`. And the white furnaces against 1.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use wavepath::compare::{block_relmse, compare};
+use wavepath::engine::schedule::Stop;
+use wavepath::engine::{self, EngineKind, Settings, Tree, wavefront};
+use wavepath::film::{Film, Quantum, replicates_for};
+use wavepath::picture::{self, Image};
+use wavepath::plan::Plan;
+use wavepath::scene::{self, SamplerKind, SphericalLights};
+use wavepath_kernels::isa::Level;
+use wavepath_kernels::light_sample::LightTable;
+
+/// Side of the images and references, in pixels.
+const SIDE: u32 = 64;
+
+/// Side of the blocks that are averaged before they are compared.
+const BLOCK: u32 = 8;
+
+/// Renders a shipped scene by the wavefront; no sample may be invalid.
+fn render(name: &str, spp: u32) -> Image {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).with_extension("pbrt");
+    let loaded = wavepath::pbrt::load(&path).unwrap();
+    assert!(loaded.warnings.is_empty(), "{name}: warnings");
+    let mut description = loaded.scene;
+    scene::set_resolution(&mut description, SIDE, SIDE);
+    let scene = scene::build(&description, SphericalLights::Cone).unwrap();
+    let plan = Plan::new(&scene);
+    let lights = scene.lights.rows.chunks(LightTable::STRIDE).flat_map(|row| &row[..3]);
+    let brightest = lights.chain(&scene.environment).fold(0.0, |a: f32, &b| a.max(b));
+    let film = Film::new(
+        SIDE,
+        [0, SIDE, 0, SIDE],
+        replicates_for(Some(spp)),
+        Quantum::for_brightest(brightest),
+        plan.requirements,
+    );
+    let settings = Settings {
+        engine: EngineKind::Wavefront,
+        sampler: SamplerKind::Sobol,
+        threads: 2,
+        seed: 1,
+        batch: wavefront::DEFAULT_BATCH,
+        level: Level::detect(),
+    };
+    let tree = Tree::build(settings.engine, &scene);
+    let stop = Stop { spp: Some(spp), time: None, interrupted: Arc::new(AtomicBool::new(false)) };
+    engine::render(&scene, &plan, &tree, &film, &settings, stop, |_| ()).unwrap();
+    let developed = film.develop();
+    assert_eq!(developed.invalid, 0, "{name}: invalid samples");
+    assert_eq!(developed.samples, u64::from(spp) * u64::from(SIDE * SIDE), "{name}: samples");
+    Image::new(SIDE, SIDE, developed.pixels)
+}
+
+/// Standard error of the mean ratio of a channel, from the spread of the pixels' differences: pixels are independent
+/// of each other.
+fn standard_error(image: &Image, reference: &Image, channel: usize) -> f64 {
+    let n = image.pixels.len() as f64;
+    let difference =
+        |(i, r): (&[f32; 3], &[f32; 3])| f64::from(i[channel]) - f64::from(r[channel]);
+    let pairs = || image.pixels.iter().zip(&reference.pixels).map(difference);
+    let mean = pairs().sum::<f64>() / n;
+    let variance = pairs().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    let sum: f64 = reference.pixels.iter().map(|r| f64::from(r[channel])).sum();
+    (variance * n).sqrt() / sum
+}
+
+/// Holds a scene against its reference. `noise` is its relMSE with one independent sample a pixel, at this size.
+///
+/// - The mean of every channel is that of the reference within 4 standard errors or 0.3 %, whichever is more; and 4
+///   standard errors are at most 1.2 %, so that this says something.
+/// - The relMSE of 8x8 blocks is at most four times what noise explains: `noise / spp` and that of the reference, which
+///   is below 2.5e-4, over 64 independent pixels. Sobol points are better than independent ones, so that half of the
+///   four is a margin for blocks that see a caustic or a lamp's edge, whose noise is far above the mean.
+fn check(name: &str, spp: u32, noise: f64) {
+    let image = render(name, spp);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/references");
+    let reference = picture::read(&folder.join(name).with_extension("exr")).unwrap();
+    let comparison = compare(&image, &reference).unwrap();
+    assert_eq!(comparison.invalid_pixels, 0, "{name}");
+    for (channel, ratio) in comparison.mean_ratio.into_iter().enumerate() {
+        let error = 4.0 * standard_error(&image, &reference, channel);
+        println!("{name}: channel {channel}: ratio {ratio:.5} +- {error:.5}");
+        assert!(error < 0.012, "{name}: too noisy: {error}");
+        assert!((ratio - 1.0).abs() <= error.max(0.003), "{name}: channel {channel}: {ratio} +- {error}");
+    }
+    let blocks = block_relmse(&image, &reference, BLOCK).unwrap();
+    let limit = 4.0 * (noise / f64::from(spp) + 2.5e-4) / f64::from(BLOCK * BLOCK);
+    println!("{name}: relMSE {:.2e}, of blocks {blocks:.2e} of {limit:.2e}", comparison.relmse);
+    assert!(blocks <= limit, "{name}: relMSE of blocks {blocks} above {limit}");
+}
+
+/// Tests of scenes: name, file, samples a pixel, relMSE of one independent sample a pixel.
+macro_rules! scenes {
+    ($($test:ident $name:literal $spp:literal $noise:literal;)*) => {$(
+        #[test]
+        fn $test() {
+            check($name, $spp, $noise);
+        }
+    )*};
+}
+scenes! {
+    caustics "caustics" 1024 12.7;
+    cornell "cornell" 512 1.1;
+    depth_of_field "depth-of-field" 512 1.1;
+    glass_pane "glass-pane" 512 1.0;
+    inside_emitter "inside-emitter" 256 0.12;
+    many_lights "many-lights" 512 6.6;
+    metals "metals" 512 2.0;
+    oren_nayar "oren-nayar" 256 0.092;
+    sky_only "sky-only" 256 0.16;
+    spotlight "spotlight" 512 7.9;
+    two_spheres "two-spheres" 256 0.016;
+    wineglass "wineglass" 1024 4.6;
+}
+
+/// Nothing absorbs and light comes evenly from everywhere: all pixels are 1, within 4 standard errors and the
+/// `cut_off` by `maxdepth`, in the mean over the image.
+fn furnace(name: &str, cut_off: f64) {
+    let image = render(name, 256);
+    let n = image.pixels.len() as f64;
+    for channel in 0..3 {
+        let values = || image.pixels.iter().map(|p| f64::from(p[channel]));
+        let mean = values().sum::<f64>() / n;
+        let error = (values().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0) / n).sqrt();
+        println!("{name}: channel {channel}: {mean:.6} +- {error:.1e}");
+        assert!((mean - 1.0).abs() <= 4.0 * error + cut_off, "{name}: channel {channel}: {mean} +- {error}");
+    }
+}
+
+#[test]
+fn furnaces_without_loss() {
+    for name in ["furnace-diffuse", "furnace-dielectric", "furnace-thindielectric", "furnace-conductor"] {
+        // Rounding.
+        furnace(name, 1e-5);
+    }
+    // Light that 64 bounces inside of the glass do not let out.
+    furnace("furnace-mesh", 1e-3);
+}
