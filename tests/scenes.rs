@@ -60,8 +60,7 @@ fn render(name: &str, spp: u32) -> Image {
 /// of each other.
 fn standard_error(image: &Image, reference: &Image, channel: usize) -> f64 {
     let n = image.pixels.len() as f64;
-    let difference =
-        |(i, r): (&[f32; 3], &[f32; 3])| f64::from(i[channel]) - f64::from(r[channel]);
+    let difference = |(i, r): (&[f32; 3], &[f32; 3])| f64::from(i[channel]) - f64::from(r[channel]);
     let pairs = || image.pixels.iter().zip(&reference.pixels).map(difference);
     let mean = pairs().sum::<f64>() / n;
     let variance = pairs().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0);
