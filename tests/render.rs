@@ -356,7 +356,8 @@ fn the_plan_leaves_out_what_the_scene_lacks() {
         assert_eq!(sum, bytes(plan), "the columns add up");
     }
     // A lamp that nothing reflects is not sampled, and a mirror cannot be.
-    let lamp = "WorldBegin AttributeBegin AreaLightSource \"diffuse\" Shape \"sphere\" AttributeEnd";
+    let lamp = "WorldBegin AttributeBegin Material \"diffuse\" \"rgb reflectance\" [ 0 0 0 ] \
+        AreaLightSource \"diffuse\" Shape \"sphere\" AttributeEnd";
     let mirror = scratch.write("mirror.pbrt", &format!("{lamp} Material \"conductor\" Shape \"disk\""));
     assert!(!runs(&plan(mirror.to_str().unwrap()), "light_sample"));
     let nothing = scratch.write("nothing.pbrt", "WorldBegin");
