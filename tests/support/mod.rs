@@ -9,12 +9,11 @@ use std::time::Duration;
 use wavepath::engine::schedule::Stop;
 use wavepath::engine::stats::Stats;
 use wavepath::engine::{self, Done, EngineKind, Settings, Tree};
-use wavepath::film::{Developed, Film, Quantum, replicates_for};
+use wavepath::film::{Developed, Film};
 use wavepath::picture::{DataWindow, Image};
 use wavepath::plan::Plan;
 use wavepath::scene::{self, SamplerKind, SceneDescription, SphericalLights};
 use wavepath_kernels::isa::Level;
-use wavepath_kernels::light_sample::LightTable;
 
 /// Both engines.
 pub const ENGINES: [EngineKind; 2] = [EngineKind::Wavefront, EngineKind::Megakernel];
@@ -121,16 +120,7 @@ impl Render {
         let scene = scene::build(description, self.spherical).unwrap();
         let plan = Plan::new(&scene);
         let tree = Tree::build(self.engine, &scene);
-        let lights = scene.lights.rows.chunks(LightTable::STRIDE);
-        let brightest =
-            lights.flat_map(|row| &row[..3]).chain(&scene.environment).fold(0.0f32, |a, &b| a.max(b));
-        let film = Film::new(
-            description.film.resolution[0],
-            description.film.pixel_bounds,
-            replicates_for(self.spp),
-            Quantum::for_brightest(brightest),
-            plan.requirements,
-        );
+        let film = Film::for_render(&description.film, &scene, plan.requirements, self.spp);
         let settings = Settings {
             engine: self.engine,
             sampler: self.sampler,
