@@ -291,7 +291,7 @@ fn generate<F: Real, P: Features>(
         F::one().store(&mut paths.throughput_g, to);
         F::one().store(&mut paths.throughput_b, to);
         F::zero().store(&mut paths.pdf, to);
-        if P::TRANSMISSION {
+        if P::TRANSMISSION && !paths.eta_scale.is_empty() {
             F::one().store(&mut paths.eta_scale, to);
         }
         let (seed, weight) = (stream.seed.to_array(), ray.weight.to_array());

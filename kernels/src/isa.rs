@@ -30,6 +30,9 @@ pub trait Isa: Copy + Send + Sync + 'static {
     type One: Real<Mask = bool, Uint = core::num::Wrapping<u32>>;
     /// Name for reports.
     const NAME: &'static str;
+    /// Are kernels compiled for each set of features? Where not, one for all features serves (see
+    /// [`crate::shade::Features::General`]): it is for machines that wait for other things, and builds stay short.
+    const SPECIALISED: bool = true;
     /// Runs a kernel compiled for this set.
     fn run<K: Kernel>(self, kernel: K) -> K::Output;
 }
@@ -119,6 +122,7 @@ impl Isa for Baseline {
     type Four = Portable<4>;
     type One = f32;
     const NAME: &'static str = "baseline";
+    const SPECIALISED: bool = false;
     #[inline(never)]
     fn run<K: Kernel>(self, kernel: K) -> K::Output {
         kernel.run(self)

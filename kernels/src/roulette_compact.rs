@@ -76,6 +76,7 @@ fn roulette_compact<F: Real, P: Features>(
     order: &mut OrderLists,
     mut finished: usize,
 ) -> usize {
+    let scales = P::TRANSMISSION && !paths.eta_scale.is_empty();
     let n = paths.len;
     let mut to = 0;
     let mut at = 0;
@@ -88,7 +89,7 @@ fn roulette_compact<F: Real, P: Features>(
         let slot = slot_depth & F::Uint::splat((1 << SLOT_BITS) - 1);
         let throughput =
             Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
-        let eta_scale = if P::TRANSMISSION { real(&paths.eta_scale) } else { F::one() };
+        let eta_scale = if scales { real(&paths.eta_scale) } else { F::one() };
 
         // The sum, not the maximum: that of a NaN and a number is the number.
         let finite = (throughput.x + throughput.y + throughput.z).lt(F::lit(f64::INFINITY));
@@ -116,7 +117,7 @@ fn roulette_compact<F: Real, P: Features>(
         throughput.x.compress(lives, &mut paths.throughput_r, to);
         throughput.y.compress(lives, &mut paths.throughput_g, to);
         throughput.z.compress(lives, &mut paths.throughput_b, to);
-        if P::TRANSMISSION {
+        if scales {
             eta_scale.compress(lives, &mut paths.eta_scale, to);
         }
         slot_depth.compress(lives, &mut paths.slot_depth, to);

@@ -649,6 +649,7 @@ impl<const LIGHTS: u32, S: Sampler> Features for Plan<LIGHTS, S> {
     type Sampler = S;
     const LIGHTS: u32 = LIGHTS;
     const TRANSMISSION: bool = false;
+    type General = Self;
 }
 
 fn scene_of(light: &Light, material: [f32; 8]) -> Scene {

@@ -22,6 +22,7 @@ impl<const T: bool> Features for Plan<T> {
     type Sampler = Sobol;
     const LIGHTS: u32 = 0;
     const TRANSMISSION: bool = T;
+    type General = Self;
 }
 
 fn all() -> Requirements {

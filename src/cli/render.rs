@@ -97,7 +97,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         if interrupted.load(Ordering::Relaxed) {
             eprintln!("interrupted: wrote what was done");
         }
-        print!("{report}");
+        println!("{report}");
         println!("wrote {}", image_path.display());
     }
     Ok(())

@@ -38,20 +38,31 @@ impl<P: Features, A: Accelerator> Kernel for Worker<'_, P, A> {
     type Output = Stats;
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) -> Stats {
+        if I::SPECIALISED { self.tiles::<I, P>(isa) } else { self.tiles::<I, P::General>(isa) }
+    }
+}
+
+impl<P, A: Accelerator> Worker<'_, P, A> {
+    /// Takes tiles, with the features `Q`.
+    #[inline(always)]
+    fn tiles<I: Isa, Q: Features>(self, isa: I) -> Stats {
+        let Worker { job, accelerator, .. } = self;
         let mut stats = Stats::default();
         let mut laps = Laps::start();
-        let mut stack = self.accelerator.stack();
-        let mut sums = BlockSums::new(BLOCK_PIXELS, self.job.plan.requirements);
-        while let Some(unit) = self.job.schedule.take() {
+        let mut stack = accelerator.stack();
+        let mut sums = BlockSums::new(BLOCK_PIXELS, job.plan.requirements);
+        while let Some(unit) = job.schedule.take() {
             sums.clear();
-            isa.run(Tile::<P, A> {
-                worker: &self,
+            isa.run(Tile::<Q, A> {
+                job,
+                accelerator,
                 unit: &unit,
                 sums: &mut sums,
                 stack: &mut stack,
                 stats: &mut stats,
+                features: PhantomData,
             });
-            add_to_film(self.job, &unit, &sums, &mut stats);
+            add_to_film(job, &unit, &sums, &mut stats);
             laps.lap(&mut stats, Stage::Megakernel);
         }
         stats
@@ -60,18 +71,20 @@ impl<P: Features, A: Accelerator> Kernel for Worker<'_, P, A> {
 
 /// All samples of a work unit.
 struct Tile<'a, P, A> {
-    worker: &'a Worker<'a, P, A>,
+    job: &'a Job<'a>,
+    accelerator: &'a A,
     unit: &'a Unit,
     sums: &'a mut BlockSums,
     stack: &'a mut TraversalStack,
     stats: &'a mut Stats,
+    features: PhantomData<P>,
 }
 
 impl<P: Features, A: Accelerator> Kernel for Tile<'_, P, A> {
     type Output = ();
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) {
-        let Job { scene, film, seed, .. } = *self.worker.job;
+        let Job { scene, film, seed, .. } = *self.job;
         let block = &film.blocks[self.unit.block];
         let weighted = scene.camera.filter.has_negative_lobes();
         for pixel in 0..block.pixels() {
@@ -85,7 +98,7 @@ impl<P: Features, A: Accelerator> Kernel for Tile<'_, P, A> {
                 let radiance = trace::<I, P, A>(
                     isa,
                     scene,
-                    self.worker.accelerator,
+                    self.accelerator,
                     stream,
                     ray.origin,
                     ray.direction,

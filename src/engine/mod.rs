@@ -113,10 +113,21 @@ fn add_to_film(job: &Job, unit: &Unit, sums: &BlockSums, stats: &mut Stats) {
 #[derive(Clone, Copy, Debug)]
 struct Planned<S, const LIGHTS: u32, const TRANSMISSION: bool>(PhantomData<S>);
 
-impl<S: Sampler, const LIGHTS: u32, const TRANSMISSION: bool> Features for Planned<S, LIGHTS, TRANSMISSION> {
-    type Sampler = S;
-    const LIGHTS: u32 = LIGHTS;
-    const TRANSMISSION: bool = TRANSMISSION;
+macro_rules! planned {
+    ($($lights:expr, $general:expr;)*) => {$(
+        impl<S: Sampler, const TRANSMISSION: bool> Features for Planned<S, { $lights }, TRANSMISSION> {
+            type Sampler = S;
+            const LIGHTS: u32 = $lights;
+            const TRANSMISSION: bool = TRANSMISSION;
+            type General = Planned<S, { $general }, true>;
+        }
+    )*};
+}
+// The sets of lights that kernels are compiled for.
+planned! {
+    0, 0;
+    kind::SPHERE, kind::ALL;
+    kind::ALL, kind::ALL;
 }
 
 /// Renders until the rule says stop; `watch` is called about ten times a second meanwhile. Returns what all workers

@@ -39,7 +39,11 @@ impl<P: Features, A: Accelerator> Kernel for Worker<'_, P, A> {
     type Output = Stats;
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) -> Stats {
-        Pool::<P, A>::new(self.job, self.accelerator, self.batch).work(isa)
+        if I::SPECIALISED {
+            Pool::<P, A>::new(self.job, self.accelerator, self.batch).work(isa)
+        } else {
+            Pool::<P::General, A>::new(self.job, self.accelerator, self.batch).work(isa)
+        }
     }
 }
 

@@ -32,8 +32,10 @@ pub trait Features: Copy + Send + Sync + 'static {
     type Sampler: Sampler;
     /// Kinds of lights to sample ([`crate::light_sample::lights::kind`]), or more; 0: none, and no light sampling.
     const LIGHTS: u32;
-    /// Does light cross the surface of dielectrics?
+    /// Does light cross the surface of dielectrics, perhaps?
     const TRANSMISSION: bool;
+    /// Features that include these, the same for many.
+    type General: Features;
 }
 
 /// A path at a surface.
@@ -281,6 +283,7 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
     scattered: &mut PathQueue,
     shadows: &mut ShadowQueue,
 ) {
+    let scales = P::TRANSMISSION && !paths.eta_scale.is_empty();
     let mut at = 0;
     while at < list.len() {
         let (place, count) = list_lanes::<F>(list, at);
@@ -311,7 +314,7 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
                     real(&paths.throughput_g),
                     real(&paths.throughput_b),
                 ),
-                eta_scale: if P::TRANSMISSION { real(&paths.eta_scale) } else { F::one() },
+                eta_scale: if scales { real(&paths.eta_scale) } else { F::one() },
                 stream: Stream {
                     seed: F::Uint::gather(&slots.seed, slot),
                     index: F::Uint::gather(&slots.index, slot),
@@ -338,7 +341,7 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
         out.throughput.y.store(&mut scattered.throughput_g, to);
         out.throughput.z.store(&mut scattered.throughput_b, to);
         out.pdf.store(&mut scattered.pdf, to);
-        if P::TRANSMISSION {
+        if scales {
             out.eta_scale.store(&mut scattered.eta_scale, to);
         }
         let next = (vertex.depth + F::Uint::splat(1)).shl::<SLOT_BITS>() | slot;
