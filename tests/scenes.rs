@@ -115,7 +115,7 @@ scenes! {
     metals "metals" 512 2.0 16384;
     oren_nayar "oren-nayar" 256 0.092 8192;
     sky_only "sky-only" 256 0.16 8192;
-    spotlight "spotlight" 512 4.2 24576;
+    spotlight "spotlight" 512 5.6 24576;
     two_spheres "two-spheres" 256 0.016 4096;
     wineglass "wineglass" 1024 4.6 16384;
 }
