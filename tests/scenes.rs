@@ -117,7 +117,7 @@ scenes! {
     sky_only "sky-only" 256 0.16 8192;
     spotlight "spotlight" 512 5.6 24576;
     two_spheres "two-spheres" 256 0.016 4096;
-    wineglass "wineglass" 1024 4.6 16384;
+    wineglass "wineglass" 1024 5.7 16384;
 }
 
 /// Nothing absorbs and light comes evenly from everywhere: all pixels are 1, within 4 standard errors and the
