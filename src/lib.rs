@@ -23,6 +23,7 @@ pub mod engine;
 pub mod film;
 pub mod interrupt;
 pub mod machine;
+mod memory;
 pub mod meshes;
 pub mod pbrt;
 pub mod picture;

@@ -380,16 +380,33 @@ fn spectra_come_from_files_and_names() {
 }
 
 #[test]
-fn v3_layers_that_are_switched_off_are_matte() {
-    let material =
-        |text: &str| scene(&format!("Film \"image\" WorldBegin {text} Shape \"sphere\"")).materials[0];
-    let expected = Material::Diffuse { reflectance: [0.5; 3], sigma: 0.0 };
-    assert_eq!(material("Material \"plastic\" \"rgb Kd\" [ .5 .5 .5 ] \"rgb Ks\" [ 0 0 0 ]"), expected);
-    assert_eq!(material("Material \"uber\" \"rgb Kd\" [ .5 .5 .5 ] \"rgb Ks\" [ 0 0 0 ]"), expected);
-    let error = failure("Film \"image\" WorldBegin Material \"uber\"");
-    assert!(error.message.contains("\"uber\" is not supported"));
+fn v3_coats_are_left_out_with_a_warning() {
+    let loaded = |text: &str| read(&format!("Film \"image\" WorldBegin {text} Shape \"sphere\"")).unwrap();
+    let material = |text: &str| loaded(text).scene.materials[0];
+    let diffuse = |x: f32| Material::Diffuse { reflectance: [x; 3], sigma: 0.0 };
+    // v3's defaults.
+    for (kind, kd) in [("plastic", 0.25), ("uber", 0.25), ("substrate", 0.5)] {
+        let coats = |text: &str| {
+            let loaded = loaded(text);
+            loaded.warnings.iter().filter(|w| w.to_string().contains("coat \"Ks\" is left out")).count()
+        };
+        let text = format!("Material \"{kind}\"");
+        assert_eq!((material(&text), coats(&text)), (diffuse(kd), 1), "{kind}");
+        let text = format!("Material \"{kind}\" \"rgb Kd\" [ .5 .5 .5 ] \"rgb Ks\" [ 0 0 0 ]");
+        assert_eq!((material(&text), coats(&text)), (diffuse(0.5), 0), "{kind} without a coat");
+        let text = format!("Material \"{kind}\" \"rgb Kd\" [ .5 .5 .5 ] \"rgb Ks\" [ .1 .1 .1 ]");
+        assert_eq!((material(&text), coats(&text)), (diffuse(0.5), 1), "{kind} with a coat");
+    }
+    for (parameter, name) in [
+        ("\"rgb Kr\" [ .5 .5 .5 ]", "Kr"),
+        ("\"rgb Kt\" [ .5 .5 .5 ]", "Kt"),
+        ("\"rgb opacity\" [ .5 .5 .5 ]", "opacity"),
+    ] {
+        let error = failure(&format!("Film \"image\" WorldBegin Material \"uber\" {parameter}"));
+        assert!(error.message.contains(name), "{error:?}");
+    }
     let bumps = "Texture \"flat\" \"float\" \"constant\" Material \"matte\" \"texture bumpmap\" \"flat\"";
-    assert_eq!(material(bumps), expected);
+    assert_eq!(material(bumps), diffuse(0.5));
 }
 
 #[test]
@@ -634,7 +651,7 @@ const BROKEN: &[(&str, u32, u32, &str)] = &[
     ("ActiveTransform Now", 1, 17, "expected StartTime"),
     // Materials, textures, media.
     ("WorldBegin Material \"coateddiffuse\"", 1, 21, "\"coateddiffuse\" is not supported"),
-    ("WorldBegin Material \"plastic\"", 1, 21, "\"plastic\" is not supported"),
+    ("WorldBegin Material \"coatedconductor\"", 1, 21, "\"coatedconductor\" is not supported"),
     ("WorldBegin Material \"\"", 1, 21, "not supported"),
     ("WorldBegin Material \"difuse\"", 1, 21, "did you mean \"diffuse\""),
     ("WorldBegin Material \"diffuse\" \"rgb reflectance\" [ 1 1 ]", 1, 51, "multiple of 3"),

@@ -8,12 +8,11 @@ use std::sync::atomic::AtomicBool;
 use wavepath::compare::{block_relmse, compare};
 use wavepath::engine::schedule::Stop;
 use wavepath::engine::{self, EngineKind, Settings, Tree, wavefront};
-use wavepath::film::{Film, Quantum, replicates_for};
+use wavepath::film::Film;
 use wavepath::picture::{self, Image};
 use wavepath::plan::Plan;
 use wavepath::scene::{self, SamplerKind, SphericalLights};
 use wavepath_kernels::isa::Level;
-use wavepath_kernels::light_sample::LightTable;
 
 /// Side of the images and references, in pixels.
 const SIDE: u32 = 64;
@@ -30,15 +29,7 @@ fn render(name: &str, spp: u32) -> Image {
     scene::set_resolution(&mut description, SIDE, SIDE);
     let scene = scene::build(&description, SphericalLights::Cone).unwrap();
     let plan = Plan::new(&scene);
-    let lights = scene.lights.rows.chunks(LightTable::STRIDE).flat_map(|row| &row[..3]);
-    let brightest = lights.chain(&scene.environment).fold(0.0, |a: f32, &b| a.max(b));
-    let film = Film::new(
-        SIDE,
-        [0, SIDE, 0, SIDE],
-        replicates_for(Some(spp)),
-        Quantum::for_brightest(brightest),
-        plan.requirements,
-    );
+    let film = Film::for_render(&description.film, &scene, plan.requirements, Some(spp));
     let settings = Settings {
         engine: EngineKind::Wavefront,
         sampler: SamplerKind::Sobol,

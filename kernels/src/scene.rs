@@ -241,3 +241,11 @@ pub struct Scene {
     /// Longest path, in scattering vertices.
     pub max_depth: u32,
 }
+
+impl Scene {
+    /// Largest component of any light's radiance or intensity, the sky's included; 0 without lights.
+    pub fn brightest(&self) -> f32 {
+        let lights = self.lights.rows.chunks(crate::light_sample::LightTable::STRIDE);
+        lights.flat_map(|row| &row[..3]).chain(&self.environment).fold(0.0, |a, &b| a.max(b))
+    }
+}

@@ -340,6 +340,9 @@ fn irradiance_by_direction(light: &Light, origin: [f64; 3], normal: [f64; 3]) ->
     }))
 }
 
+/// Places within the unit sphere.
+const WITHIN: [[f64; 3]; 3] = [[0.0; 3], [0.5, 0.2, -0.4], [0.0, 0.0, 0.99]];
+
 #[test]
 fn spheres_give_their_analytic_irradiance() {
     let radiance = RADIANCE[0] as f64;
@@ -375,19 +378,13 @@ fn spheres_give_their_analytic_irradiance() {
             }
         }
     }
-    // From within, wherever: every surface sees nothing but light.
-    for origin in [[0.0; 3], [0.5, 0.2, -0.4], [0.0, 0.0, 0.99]] {
-        for shape in [Sphere([0.0; 3], -1.0), SphereArea([0.0; 3], -1.0)] {
-            let what = format!("{shape:?} from within, {origin:?}");
-            let normal = normalize([0.2, -0.3, 0.7]);
-            let mean = irradiance(&Light::new(shape, false), origin, normal);
-            mean.assert_near(&what, PI * radiance, 1e-5);
-            irradiance_by_direction(&Light::new(shape, false), origin, normal).assert_near(
-                &what,
-                PI * radiance,
-                0.0,
-            );
-        }
+    // From within, wherever: every surface sees nothing but light, which sampling by area finds.
+    for origin in WITHIN {
+        let normal = normalize([0.2, -0.3, 0.7]);
+        let what = format!("from within, {origin:?}");
+        let by_area = Light::new(SphereArea([0.0; 3], -1.0), false);
+        irradiance(&by_area, origin, normal).assert_near(&what, PI * radiance, 1e-5);
+        irradiance_by_direction(&by_area, origin, normal).assert_near(&what, PI * radiance, 0.0);
     }
     // Sides that do not emit.
     let dark = |shape, origin| irradiance(&Light::new(shape, false), origin, [0.0, 0.0, 1.0]).mean;
@@ -717,6 +714,36 @@ fn reflected<B: Bsdf<f32>, P: Features>(light: &Light, material: [f32; 8], wo: [
         }
         sum
     }))
+}
+
+/// From within, a sphere fills all directions: it is not sampled, and the ray that the surface scatters finds it with
+/// its full weight.
+#[test]
+fn a_sphere_around_everything_is_left_to_the_bsdf() {
+    use wavepath_kernels::shade::lambert::Lambert;
+    let mut random = Random::new(10);
+    let grey = lambert::row([0.5; 3]);
+    let wo = normalize([0.5, 0.1, 0.6]);
+    for origin in WITHIN {
+        for (radius, two_sided) in [(-1.0, false), (1.0, true), (1.0, false)] {
+            let light = Light::new(Sphere([0.0; 3], radius), two_sided);
+            for _ in 0..1_000 {
+                assert!(!light.sample::<f32>(origin, [random.unit(), random.unit()]).valid);
+                assert!(!light.sample::<f64>(origin, [random.unit(), random.unit()]).valid);
+                let d = random.direction();
+                assert_eq!((light.density::<f32>(origin, d), light.density::<f64>(origin, d)), (0.0, 0.0));
+            }
+            // The path step starts at the origin: the sphere goes there instead.
+            let light = Light::new(Sphere(narrow(scale(origin, -1.0)), radius), two_sided);
+            let shines = radius < 0.0 || two_sided;
+            let want = if shines { 0.5 * RADIANCE[0] as f64 } else { 0.0 };
+            let what = format!("Lambert at {origin:?} within radius {radius}, two-sided {two_sided}");
+            reflected::<Lambert<f32>, Plan<{ kind::ALL }, Independent>>(&light, grey, wo)
+                .assert_near(&what, want, 1e-6);
+            reflected::<Lambert<f32>, Plan<{ kind::SPHERE }, Sobol>>(&light, grey, wo)
+                .assert_near(&what, want, 1e-6);
+        }
+    }
 }
 
 #[test]

@@ -154,7 +154,7 @@ fn roulette_packs_the_survivors_and_accounts_for_all_slots() {
                     let q = if before.slot_depth[from] >> SLOT_BITS < FIRST_ROULETTE {
                         1.0
                     } else {
-                        (before.throughput_r[from] * before.eta_scale[from]).min(1.0)
+                        (before.throughput_r[from] * before.eta_scale[from]).sqrt().min(1.0)
                     };
                     let want = before.throughput_r[from] * (1.0 / q);
                     assert!((paths.throughput_r[to] / want - 1.0).abs() < 1e-6);
@@ -206,7 +206,7 @@ fn roulette_keeps_the_expectation() {
             mean.add(column[..paths.len].iter().map(|&x| x as f64).sum::<f64>() / n as f64);
         }
     }
-    lived.assert_near("survivors", 0.3, 1e-6);
+    lived.assert_near("survivors", 0.3f64.sqrt(), 1e-6);
     for (mean, want) in after.iter().zip([0.3, 0.2, 0.01]) {
         mean.assert_near("throughput", want, 1e-6);
     }

@@ -11,8 +11,9 @@ use super::{Failure, output};
 use crate::engine::schedule::Stop;
 use crate::engine::stats::{Stage, Stats};
 use crate::engine::{self, EngineKind, Settings, Tree, wavefront};
-use crate::film::{Developed, Film, Quantum, replicates_for};
+use crate::film::{Developed, Film};
 use crate::machine;
+use crate::memory;
 use crate::picture::{self, DataWindow, Image};
 use crate::plan::Plan;
 use crate::progress::Progress;
@@ -69,13 +70,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let settings = settings(args, &description);
     // A time limit alone renders for that time; otherwise the scene's samples are the limit.
     let spp = args.spp.or(args.time.is_none().then_some(description.sampler.pixel_samples));
-    let film = Film::new(
-        description.film.resolution[0],
-        description.film.pixel_bounds,
-        replicates_for(spp),
-        Quantum::for_brightest(brightest(&scene)),
-        plan.requirements,
-    );
+    let film = film(args, &description, &scene, &plan, spp)?;
     let tree = Tree::build(settings.engine, &scene);
     let interrupted = crate::interrupt::flag()
         .map_err(|error| Failure::Work(format!("cannot watch for Ctrl-C: {error}")))?;
@@ -139,10 +134,26 @@ fn settings(args: &RenderArgs, description: &SceneDescription) -> Settings {
     }
 }
 
-/// The brightest light of a scene: what the film's quantum is relative to.
-fn brightest(scene: &Scene) -> f32 {
-    let lights = scene.lights.rows.chunks(wavepath_kernels::light_sample::LightTable::STRIDE);
-    lights.flat_map(|row| &row[..3]).chain(&scene.environment).fold(0.0, |a, &b| a.max(b))
+/// The film of a scene, if there is memory for it.
+fn film(
+    args: &RenderArgs,
+    description: &SceneDescription,
+    scene: &Scene,
+    plan: &Plan,
+    spp: Option<u32>,
+) -> Result<Film, Failure> {
+    let film = &description.film;
+    let needed = Film::bytes_for_render(film, plan.requirements, spp);
+    if needed > memory::limit() {
+        let [width, height] = film.resolution;
+        return Err(Failure::Input(format!(
+            "{}: an image of {width} x {height} pixels needs {}; {} of memory are free for it",
+            args.scene.display(),
+            memory::in_gib(needed),
+            memory::in_gib(memory::limit()),
+        )));
+    }
+    Ok(Film::for_render(film, scene, plan.requirements, spp))
 }
 
 fn picture_of(description: &SceneDescription, developed: Developed) -> Image {

@@ -138,11 +138,18 @@ pub fn render(
     let schedule = Schedule::new(film, settings.threads, stop);
     let done = Done::default();
     let job = Job { scene, plan, film, schedule: &schedule, seed: settings.seed, done: &done };
-    let stats = watched(&done, watch, || match settings.sampler {
-        SamplerKind::Sobol => with_sampler::<Sobol>(&pool, &job, tree, settings),
-        SamplerKind::Independent => with_sampler::<Independent>(&pool, &job, tree, settings),
-    });
+    let stats = watched(&done, watch, || execute(&pool, &job, tree, settings));
     Ok((stats, started.elapsed()))
+}
+
+/// Runs the engine. Not generic, and not to be inlined into what is: every crate that calls [`render`] would compile
+/// all kernels again, which takes minutes.
+#[inline(never)]
+fn execute(pool: &rayon::ThreadPool, job: &Job, tree: &Tree, settings: &Settings) -> Stats {
+    match settings.sampler {
+        SamplerKind::Sobol => with_sampler::<Sobol>(pool, job, tree, settings),
+        SamplerKind::Independent => with_sampler::<Independent>(pool, job, tree, settings),
+    }
 }
 
 /// Runs `work` on a thread of its own and calls `watch` on this one until it is done.

@@ -64,7 +64,11 @@ struct Pool<'a, P, A> {
     hits: HitQueue,
     slots: SlotTable,
     shadows: ShadowQueue,
+    /// Where each run of shadow rays ends, and whether they start at what the camera sees.
+    shadow_classes: Vec<(usize, bool)>,
     order: OrderLists,
+    /// Paths that have bounced; those behind them in the queue come from the camera.
+    survivors: usize,
     /// Slots in `order.free`.
     free: usize,
     units: Vec<OpenUnit>,
@@ -101,7 +105,9 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             hits: HitQueue::new(batch, requirements),
             slots: SlotTable::new(batch, requirements),
             shadows: ShadowQueue::new(batch, requirements),
+            shadow_classes: Vec::with_capacity(2 * MaterialClass::COUNT),
             order,
+            survivors: 0,
             free: batch,
             units: (0..unit_count).map(|_| unit()).collect(),
             free_units: (0..unit_count as u32).collect(),
@@ -185,13 +191,19 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         Some(id)
     }
 
+    /// Bounce rays, then the camera rays behind them: each kind in its own way through the tree.
     fn intersect<I: Isa>(&mut self, isa: I) {
-        isa.run(Intersect {
-            accelerator: self.accelerator,
-            paths: &self.paths,
-            hits: &mut self.hits,
-            stack: &mut self.stack,
-        });
+        for (range, coherent) in [(0..self.survivors, false), (self.survivors..self.paths.len, true)] {
+            isa.run(Intersect {
+                accelerator: self.accelerator,
+                traversal: self.accelerator.traversal(coherent),
+                paths: &self.paths,
+                range,
+                hits: &mut self.hits,
+                stack: &mut self.stack,
+            });
+        }
+        self.hits.len = self.paths.len;
     }
 
     fn material_sort<I: Isa>(&mut self, isa: I) -> Sorted {
@@ -208,6 +220,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         let scene = self.job.scene;
         self.scattered.len = 0;
         self.shadows.len = 0;
+        self.shadow_classes.clear();
         if self.job.plan.has_environment {
             isa.run(Environment {
                 radiance: scene.environment,
@@ -227,22 +240,27 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             });
         }
         for &class in &self.job.plan.shade_kernels {
-            let range = sorted.range(class as usize);
-            if range.is_empty() {
-                continue;
-            }
+            let list = &self.order.sorted[sorted.range(class as usize)];
+            // The sort is stable: paths that have bounced come first, those from the camera last.
+            let (bounced, first) = list.split_at(list.partition_point(|&i| (i as usize) < self.survivors));
             macro_rules! run {
                 ($material:ident) => {
-                    isa.run(Shade::<shade::$material, P> {
-                        scene,
-                        list: &self.order.sorted[range],
-                        paths: &self.paths,
-                        hits: &self.hits,
-                        slots: &self.slots,
-                        scattered: &mut self.scattered,
-                        shadows: &mut self.shadows,
-                        kernel: PhantomData,
-                    })
+                    for (list, coherent) in [(bounced, false), (first, true)] {
+                        if list.is_empty() {
+                            continue;
+                        }
+                        isa.run(Shade::<shade::$material, P> {
+                            scene,
+                            list,
+                            paths: &self.paths,
+                            hits: &self.hits,
+                            slots: &self.slots,
+                            scattered: &mut self.scattered,
+                            shadows: &mut self.shadows,
+                            kernel: PhantomData,
+                        });
+                        self.shadow_classes.push((self.shadows.len, coherent));
+                    }
                 };
             }
             match class {
@@ -259,12 +277,18 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
 
     fn light_sample<I: Isa>(&mut self, isa: I) {
         self.stats.shadow_rays += self.shadows.len as u64;
-        isa.run(LightSample {
-            accelerator: self.accelerator,
-            shadows: &self.shadows,
-            slots: &mut self.slots,
-            stack: &mut self.stack,
-        });
+        let mut start = 0;
+        for &(end, coherent) in &self.shadow_classes {
+            isa.run(LightSample {
+                accelerator: self.accelerator,
+                traversal: self.accelerator.traversal(coherent),
+                shadows: &self.shadows,
+                range: start..end,
+                slots: &mut self.slots,
+                stack: &mut self.stack,
+            });
+            start = end;
+        }
     }
 
     /// Returns how many paths ended in this round; their slots are the first of `order.finished`.
@@ -284,7 +308,8 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             finished,
             features: PhantomData,
         });
-        self.stats.bounce_rays += self.scattered.len as u64;
+        self.survivors = self.scattered.len;
+        self.stats.bounce_rays += self.survivors as u64;
         std::mem::swap(&mut self.paths, &mut self.scattered);
         finished
     }

@@ -31,7 +31,6 @@ mod dialect;
 mod error;
 mod graphics_state;
 mod lexer;
-mod memory;
 mod parameters;
 mod parser;
 mod ply;

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use super::error::{Place, Problem, Result, Span};
 use super::lexer::{Lexer, Token, TokenKind, Value, parse_number, shorten};
-use super::memory;
 use super::parameters::{Parameter, ParameterType, Parameters, Values};
 use super::source::Sources;
 use super::suggest::did_you_mean;
+use crate::memory;
 
 /// Deepest nesting of `Include`.
 const MAX_INCLUDE_DEPTH: usize = 64;

@@ -6,8 +6,8 @@
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
-use super::memory;
 use super::source::open_maybe_gzipped;
+use crate::memory;
 
 /// Longest line of a header or word of a body.
 const MAX_WORD: usize = 4096;

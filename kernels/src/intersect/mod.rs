@@ -16,8 +16,9 @@ pub mod triangle;
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Mask, Real, Uint};
 use crate::math::Vec3;
-use crate::queue::{HitQueue, PathQueue};
+use crate::queue::{HitQueue, PathQueue, ShadowQueue};
 use crate::scene::{Geometry, MISS};
+use core::ops::Range;
 use triangle::ShearedRay;
 
 /// The closest hit of a ray.
@@ -134,6 +135,44 @@ pub trait Accelerator: Sync {
             bits | (blocked as u32) << lane
         });
         <I::Wide as Real>::Mask::from_bits(blocked)
+    }
+    /// The closest hits of the paths at the places `range`, several in flight at a time.
+    #[inline(always)]
+    fn closest_interleaved<I: Isa>(
+        &self,
+        isa: I,
+        paths: &PathQueue,
+        range: Range<usize>,
+        hits: &mut HitQueue,
+        stack: &mut TraversalStack,
+    ) {
+        for i in range {
+            let (origin, direction) = paths.ray(i);
+            hits.put(i, self.closest(isa, origin, direction, stack));
+        }
+    }
+    /// Calls `unblocked` with the place of each shadow ray in `range` that meets nothing, several in flight at a time.
+    /// In what order is not said.
+    #[inline(always)]
+    fn unoccluded_interleaved<I: Isa>(
+        &self,
+        isa: I,
+        shadows: &ShadowQueue,
+        range: Range<usize>,
+        stack: &mut TraversalStack,
+        mut unblocked: impl FnMut(usize),
+    ) {
+        for i in range {
+            let (origin, direction, distance) = shadows.ray(i);
+            if !self.occluded(isa, origin, direction, distance, stack) {
+                unblocked(i);
+            }
+        }
+    }
+    /// How a batch of rays goes through this tree: rays from the camera, or of a first shadow from what they see
+    /// (`coherent`), or others.
+    fn traversal(&self, _coherent: bool) -> Traversal {
+        Traversal::Single
     }
     /// Room that a traversal needs.
     fn stack(&self) -> TraversalStack;
@@ -266,12 +305,28 @@ pub fn bounds(geometry: &Geometry, primitive: u32) -> ([f32; 3], [f32; 3]) {
     (low, high)
 }
 
-/// The kernel: closest hits of all paths of a queue.
+/// How the rays of a batch go through a tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Traversal {
+    /// As many at a time as a vector has lanes: for rays that stay together, and for small trees.
+    Packets,
+    /// One after the other.
+    Single,
+    /// Several at a time, a node each in turn, so that the memory of one is fetched while the others compute: for rays
+    /// that go different ways through a tree that is larger than the cache.
+    Interleaved,
+}
+
+/// The kernel: closest hits of some paths of a queue.
 pub struct Intersect<'a, A> {
     /// What rays are traced through.
     pub accelerator: &'a A,
+    /// How.
+    pub traversal: Traversal,
     /// The rays.
     pub paths: &'a PathQueue,
+    /// Places of those to trace.
+    pub range: Range<usize>,
     /// Receives the hits.
     pub hits: &'a mut HitQueue,
     /// Scratch of the traversal.
@@ -282,12 +337,26 @@ impl<A: Accelerator> Kernel for Intersect<'_, A> {
     type Output = ();
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) {
+        match self.traversal {
+            Traversal::Packets => self.packets(isa),
+            Traversal::Single => self.single(isa),
+            Traversal::Interleaved => {
+                self.accelerator.closest_interleaved(isa, self.paths, self.range, self.hits, self.stack);
+            }
+        }
+    }
+}
+
+impl<A: Accelerator> Intersect<'_, A> {
+    #[inline(always)]
+    fn packets<I: Isa>(self, isa: I) {
         let (rays, hits) = (self.paths, self.hits);
         let barycentric = !hits.u.is_empty();
-        let mut at = 0;
-        while at < rays.len {
-            // Columns are padded, so whole vectors can be read and written.
-            let active = <I::Wide as Real>::Mask::first((rays.len - at).min(I::Wide::LANES));
+        let mut at = self.range.start;
+        while at < self.range.end {
+            // Columns are padded, so whole vectors can be read and written. What is written behind the range is
+            // written again by its owner: ranges are traced in ascending order.
+            let active = <I::Wide as Real>::Mask::first((self.range.end - at).min(I::Wide::LANES));
             let column = |c: &[f32]| I::Wide::load(c, at);
             let origin = Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
             let direction =
@@ -301,6 +370,50 @@ impl<A: Accelerator> Kernel for Intersect<'_, A> {
             }
             at += I::Wide::LANES;
         }
-        hits.len = rays.len;
+    }
+
+    #[inline(always)]
+    fn single<I: Isa>(self, isa: I) {
+        for i in self.range {
+            let (origin, direction) = self.paths.ray(i);
+            let hit = self.accelerator.closest(isa, origin, direction, self.stack);
+            self.hits.put(i, hit);
+        }
+    }
+}
+
+impl PathQueue {
+    /// Origin and direction of the ray at place `i`.
+    #[inline(always)]
+    pub fn ray(&self, i: usize) -> ([f32; 3], [f32; 3]) {
+        (
+            [self.origin_x[i], self.origin_y[i], self.origin_z[i]],
+            [self.direction_x[i], self.direction_y[i], self.direction_z[i]],
+        )
+    }
+}
+
+impl HitQueue {
+    /// Sets the hit at place `i`.
+    #[inline(always)]
+    pub fn put(&mut self, i: usize, hit: Hit) {
+        self.t[i] = hit.t;
+        self.primitive[i] = hit.primitive;
+        if !self.u.is_empty() {
+            self.u[i] = hit.u;
+            self.v[i] = hit.v;
+        }
+    }
+}
+
+impl ShadowQueue {
+    /// Origin, direction and length of the ray at place `i`.
+    #[inline(always)]
+    pub fn ray(&self, i: usize) -> ([f32; 3], [f32; 3], f32) {
+        (
+            [self.origin_x[i], self.origin_y[i], self.origin_z[i]],
+            [self.direction_x[i], self.direction_y[i], self.direction_z[i]],
+            self.distance[i],
+        )
     }
 }

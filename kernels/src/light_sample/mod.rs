@@ -6,18 +6,23 @@ pub mod lights;
 
 pub use lights::LightTable;
 
-use crate::intersect::{Accelerator, TraversalStack};
+use crate::intersect::{Accelerator, Traversal, TraversalStack};
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Mask, Real};
 use crate::math::Vec3;
 use crate::queue::{ShadowQueue, SlotTable};
+use core::ops::Range;
 
-/// The kernel. Returns how many rays were unblocked.
+/// The kernel: traces some of the rays. A path has at most one of them, so their order does not matter.
 pub struct LightSample<'a, A> {
     /// What rays are traced through.
     pub accelerator: &'a A,
+    /// How.
+    pub traversal: Traversal,
     /// The rays.
     pub shadows: &'a ShadowQueue,
+    /// Places of those to trace.
+    pub range: Range<usize>,
     /// Receives the radiance.
     pub slots: &'a mut SlotTable,
     /// Scratch of the traversal.
@@ -25,15 +30,37 @@ pub struct LightSample<'a, A> {
 }
 
 impl<A: Accelerator> Kernel for LightSample<'_, A> {
-    type Output = usize;
+    type Output = ();
     #[inline(always)]
-    fn run<I: Isa>(self, isa: I) -> usize {
-        let (rays, slots) = (self.shadows, self.slots);
-        let mut unblocked = 0;
-        let mut at = 0;
-        while at < rays.len {
+    fn run<I: Isa>(self, isa: I) {
+        match self.traversal {
+            Traversal::Packets => self.packets(isa),
+            Traversal::Single => {
+                let Self { accelerator, shadows, range, slots, stack, .. } = self;
+                for i in range {
+                    let (origin, direction, distance) = shadows.ray(i);
+                    if !accelerator.occluded(isa, origin, direction, distance, stack) {
+                        slots.add_shadow(shadows, i);
+                    }
+                }
+            }
+            Traversal::Interleaved => {
+                let Self { accelerator, shadows, range, slots, stack, .. } = self;
+                let add = |i| slots.add_shadow(shadows, i);
+                accelerator.unoccluded_interleaved(isa, shadows, range, stack, add);
+            }
+        }
+    }
+}
+
+impl<A: Accelerator> LightSample<'_, A> {
+    #[inline(always)]
+    fn packets<I: Isa>(self, isa: I) {
+        let rays = self.shadows;
+        let mut at = self.range.start;
+        while at < self.range.end {
             // Columns are padded, so whole vectors can be read.
-            let count = (rays.len - at).min(I::Wide::LANES);
+            let count = (self.range.end - at).min(I::Wide::LANES);
             let active = <I::Wide as Real>::Mask::first(count);
             let column = |c: &[f32]| I::Wide::load(c, at);
             let origin = Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
@@ -43,17 +70,22 @@ impl<A: Accelerator> Kernel for LightSample<'_, A> {
             let blocked =
                 self.accelerator.occluded_packet(isa, origin, direction, distance, active, self.stack);
             let mut free = (active & !blocked).bits();
-            unblocked += free.count_ones() as usize;
             while free != 0 {
-                let i = at + free.trailing_zeros() as usize;
+                self.slots.add_shadow(rays, at + free.trailing_zeros() as usize);
                 free &= free - 1;
-                let slot = rays.slot[i] as usize;
-                slots.radiance_r[slot] += rays.radiance_r[i];
-                slots.radiance_g[slot] += rays.radiance_g[i];
-                slots.radiance_b[slot] += rays.radiance_b[i];
             }
             at += count;
         }
-        unblocked
+    }
+}
+
+impl SlotTable {
+    /// Adds what the unblocked shadow ray at place `i` brings.
+    #[inline(always)]
+    fn add_shadow(&mut self, rays: &ShadowQueue, i: usize) {
+        let slot = rays.slot[i] as usize;
+        self.radiance_r[slot] += rays.radiance_r[i];
+        self.radiance_g[slot] += rays.radiance_g[i];
+        self.radiance_b[slot] += rays.radiance_b[i];
     }
 }

@@ -16,10 +16,21 @@ use super::{Builder, unknown_kind, unsupported_kind};
 /// pbrt's `EffectivelySmooth`: below it a surface is smooth.
 const SMOOTH: f64 = 1e-3;
 
-const SUPPORTED: [&str; 8] =
-    ["diffuse", "conductor", "dielectric", "thindielectric", "matte", "mirror", "metal", "glass"];
+const SUPPORTED: [&str; 11] = [
+    "diffuse",
+    "conductor",
+    "dielectric",
+    "thindielectric",
+    "matte",
+    "mirror",
+    "metal",
+    "glass",
+    "plastic",
+    "substrate",
+    "uber",
+];
 
-const UNSUPPORTED: [&str; 16] = [
+const UNSUPPORTED: [&str; 13] = [
     "coateddiffuse",
     "coatedconductor",
     "diffusetransmission",
@@ -33,9 +44,6 @@ const UNSUPPORTED: [&str; 16] = [
     "disney",
     "fourier",
     "kdsubsurface",
-    "plastic",
-    "substrate",
-    "uber",
 ];
 
 /// Materials by handle and by name. A name may be used before it is defined, as in pbrt-v4.
@@ -190,7 +198,7 @@ impl Builder {
                 Material::ThinDielectric { eta: self.index_of_refraction(parameters, "eta")? }
             }
             "mix" => self.mix(kind, parameters)?,
-            "plastic" | "substrate" | "uber" => self.matte_in_disguise(kind, parameters)?,
+            "plastic" | "substrate" | "uber" => self.uncoated(kind, parameters)?,
             other if UNSUPPORTED.contains(&other) => {
                 return Err(unsupported_kind("material", kind, &SUPPORTED));
             }
@@ -429,22 +437,27 @@ impl Builder {
         }
     }
 
-    /// v3's layered materials are matte where everything but `Kd` is switched off; otherwise they are not supported.
-    fn matte_in_disguise(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
-        let uber = kind.text == "uber";
-        let specular = if kind.text == "substrate" { 0.5 } else { 0.25 };
-        let mut glossy = self.surface_spectrum(parameters, "Ks")?.unwrap_or([specular; 3]) != [0.0; 3];
-        if uber {
-            glossy |= self.surface_spectrum(parameters, "Kr")?.unwrap_or([0.0; 3]) != [0.0; 3];
-            glossy |= self.surface_spectrum(parameters, "Kt")?.unwrap_or([0.0; 3]) != [0.0; 3];
-            glossy |= self.surface_spectrum(parameters, "opacity")?.unwrap_or([1.0; 3]) != [1.0; 3];
+    /// v3's materials with a specular coat, without it: the diffuse base is the nearest that there is. What would make
+    /// something else than a coated diffuse surface of `uber` is an error.
+    fn uncoated(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
+        let default = if kind.text == "substrate" { 0.5 } else { 0.25 };
+        if self.surface_spectrum(parameters, "Ks")?.unwrap_or([default; 3]) != [0.0; 3] {
+            self.warn(
+                Problem::at(kind.span, format!("material \"{}\" is rendered as a diffuse one", kind.text))
+                    .label("its base \"Kd\" alone: the specular coat \"Ks\" is left out"),
+            );
+        }
+        if kind.text == "uber" {
+            for (name, neutral) in [("Kr", [0.0; 3]), ("Kt", [0.0; 3]), ("opacity", [1.0; 3])] {
+                if self.surface_spectrum(parameters, name)?.is_some_and(|value| value != neutral) {
+                    let expected = format!("expected {}: only the diffuse base is supported", neutral[0]);
+                    return Err(parameters.bad(name, &format!("not {}", neutral[0]), &expected));
+                }
+            }
             parameters.accept(&["eta", "index"]);
         }
-        if glossy || kind.text == "substrate" {
-            return Err(unsupported_kind("material", kind, &SUPPORTED));
-        }
         parameters.accept(&["roughness", "uroughness", "vroughness", "remaproughness"]);
-        let reflectance = self.reflectance(parameters, "Kd", 0.25)?.map(|c| c as f32);
+        let reflectance = self.reflectance(parameters, "Kd", default)?.map(|c| c as f32);
         Ok(Material::Diffuse { reflectance, sigma: 0.0 })
     }
 }

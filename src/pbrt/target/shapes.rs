@@ -5,9 +5,9 @@ use std::rc::Rc;
 
 use glam::{DAffine3, DVec3};
 
+use crate::memory;
 use crate::pbrt::error::{Place, Problem, Result, Span};
 use crate::pbrt::lexer::shorten;
-use crate::pbrt::memory;
 use crate::pbrt::parameters::{Parameter, ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::ply;

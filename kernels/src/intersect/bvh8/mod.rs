@@ -1,13 +1,17 @@
 //! An 8-wide tree, collapsed from obvhs' binary one, with triangles gathered four to a block.
 
+mod interleaved;
 mod packet;
 mod single;
 
-use super::{Accelerator, Hit, PacketDistances, PacketHit, TraversalStack, bvh2};
+use super::{Accelerator, Hit, PacketDistances, PacketHit, Traversal, TraversalStack, bvh2};
 use crate::isa::Isa;
 use crate::lanes::{Real, Uint};
 use crate::math::Vec3;
+use crate::queue::{HitQueue, PathQueue, ShadowQueue};
 use crate::scene::{Geometry, MISS};
+use core::ops::Range;
+use interleaved::IN_FLIGHT;
 use obvhs::bvh2::Bvh2;
 
 /// Children of a node.
@@ -87,6 +91,14 @@ struct Collapse<'t, 'a> {
 }
 
 impl<'a> Bvh8<'a> {
+    /// Trees up to this size (bytes) are walked in packets by all rays, even by those that go different ways: nodes are
+    /// near, and a packet loads each of them once.
+    ///
+    /// Measured time of bounce rays, packets : single : interleaved. Cornell box (40 primitives) 1 : 2.1 : 3.0; glass
+    /// mesh (20 thousand) 1 : 0.98 : 1.3; knots (some MiB) 1 : 1.09 : 0.91; two million triangles (L3 of 32 MiB)
+    /// 1 : 0.75 : 0.57 and 1 : 0.80 : 0.54.
+    const SMALL: usize = 8 << 20;
+
     /// Builds the tree.
     pub fn new(geometry: &'a Geometry) -> Self {
         let out = Bvh8 { geometry, nodes: Vec::new(), blocks: Vec::new(), round: Vec::new(), stack: 1 };
@@ -296,9 +308,48 @@ impl Accelerator for Bvh8<'_> {
         let hit = self.walk_packet::<I, true>(origin, direction, distance, active, stack);
         !hit.primitive.eq(<I::Wide as Real>::Uint::splat(MISS))
     }
+    #[inline(always)]
+    fn closest_interleaved<I: Isa>(
+        &self,
+        _: I,
+        paths: &PathQueue,
+        mut range: Range<usize>,
+        hits: &mut HitQueue,
+        stack: &mut TraversalStack,
+    ) {
+        let next = || {
+            let i = range.next()?;
+            let (origin, direction) = paths.ray(i);
+            Some((i, origin, direction, f32::INFINITY))
+        };
+        self.walk_interleaved::<I, false>(stack, next, |i, hit| hits.put(i, hit));
+    }
+    #[inline(always)]
+    fn unoccluded_interleaved<I: Isa>(
+        &self,
+        _: I,
+        shadows: &ShadowQueue,
+        mut range: Range<usize>,
+        stack: &mut TraversalStack,
+        mut unblocked: impl FnMut(usize),
+    ) {
+        let next = || {
+            let i = range.next()?;
+            let (origin, direction, distance) = shadows.ray(i);
+            Some((i, origin, direction, distance))
+        };
+        self.walk_interleaved::<I, true>(stack, next, |i, hit| {
+            if hit.primitive == MISS {
+                unblocked(i);
+            }
+        });
+    }
+    fn traversal(&self, coherent: bool) -> Traversal {
+        if coherent || self.bytes() <= Self::SMALL { Traversal::Packets } else { Traversal::Interleaved }
+    }
     fn stack(&self) -> TraversalStack {
         TraversalStack {
-            entries: vec![(0, 0.0); self.stack],
+            entries: vec![(0, 0.0); IN_FLIGHT * self.stack],
             packets: vec![(0, PacketDistances([0.0; 16])); self.stack],
         }
     }

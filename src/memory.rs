@@ -1,4 +1,4 @@
-//! How much memory a scene may take: more is an error, where the system would end the process.
+//! How much memory a scene or a film may take: more is an error, where the system would end the process.
 
 use std::sync::OnceLock;
 
