@@ -29,5 +29,5 @@ metals           16384 1.3e-4
 spotlight        24576 2.3e-4
 many-lights      24576 3e-4
 wineglass        16384 3.5e-4
-caustics         24576 5e-4
+caustics         24576 6.6e-4
 END

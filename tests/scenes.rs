@@ -97,7 +97,7 @@ macro_rules! scenes {
     )*};
 }
 scenes! {
-    caustics "caustics" 1024 12.7 24576;
+    caustics "caustics" 1024 16.0 24576;
     cornell "cornell" 512 1.1 24576;
     depth_of_field "depth-of-field" 512 1.1 12288;
     glass_pane "glass-pane" 512 1.0 16384;
