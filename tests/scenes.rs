@@ -97,7 +97,7 @@ macro_rules! scenes {
     )*};
 }
 scenes! {
-    caustics "caustics" 1024 12.7 24576;
+    caustics "caustics" 1024 16.0 24576;
     cornell "cornell" 512 1.1 24576;
     depth_of_field "depth-of-field" 512 1.1 12288;
     glass_pane "glass-pane" 512 1.0 16384;
@@ -106,9 +106,9 @@ scenes! {
     metals "metals" 512 2.0 16384;
     oren_nayar "oren-nayar" 256 0.092 8192;
     sky_only "sky-only" 256 0.16 8192;
-    spotlight "spotlight" 512 4.2 24576;
+    spotlight "spotlight" 512 5.6 24576;
     two_spheres "two-spheres" 256 0.016 4096;
-    wineglass "wineglass" 1024 4.6 16384;
+    wineglass "wineglass" 1024 5.7 16384;
 }
 
 /// Nothing absorbs and light comes evenly from everywhere: all pixels are 1, within 4 standard errors and the
