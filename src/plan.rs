@@ -66,6 +66,8 @@ pub struct Plan {
     pub columns: Vec<PlannedColumn>,
     /// Bytes of all queues together, a path.
     pub bytes_per_path: usize,
+    /// Bytes of the queue of shadow rays, a worker.
+    pub shadow_queue_bytes: usize,
     /// Bytes of geometry, without a tree.
     pub geometry_bytes: usize,
     /// Bytes of the film, a pixel and replicate.
@@ -112,6 +114,7 @@ impl Plan {
             quadrics: geometry.quadrics.len(),
         };
         let has_environment = scene.environment != [0.0; 3];
+        let (path_bytes, shadow_queue_bytes) = bytes_per_path(requirements);
         let mut plan = Plan {
             requirements,
             shade_kernels,
@@ -132,7 +135,8 @@ impl Plan {
                     holds: c.holds,
                 })
                 .collect(),
-            bytes_per_path: bytes_per_path(requirements),
+            bytes_per_path: path_bytes,
+            shadow_queue_bytes,
             geometry_bytes: geometry.bytes(),
             film_bytes_per_pixel: Film::bytes(1, 1, requirements),
         };
@@ -208,6 +212,7 @@ impl Plan {
             "stages": self.parts,
             "columns": self.columns,
             "bytes_per_path": self.bytes_per_path,
+            "shadow_queue_bytes": self.shadow_queue_bytes,
             "geometry_bytes": self.geometry_bytes,
             "film_bytes_per_pixel_and_replicate": self.film_bytes_per_pixel,
         })
@@ -229,7 +234,11 @@ impl fmt::Display for Plan {
             let mark = if part.runs { "runs    " } else { "left out" };
             writeln!(f, "  {mark}  {:<28}{}", part.name, part.why)?;
         }
-        writeln!(f, "\nqueue columns ({} bytes a path)", self.bytes_per_path)?;
+        writeln!(
+            f,
+            "\nqueue columns ({} bytes a path, and {} for the shadow rays of a worker)",
+            self.bytes_per_path, self.shadow_queue_bytes
+        )?;
         for column in &self.columns {
             let mark = if column.present { "there   " } else { "left out" };
             writeln!(f, "  {mark}  {:<28}{:>2} bytes  {}", column.name, column.bytes, column.holds)?;

@@ -15,7 +15,7 @@ use crate::atomic_file::write_whole;
 pub struct Report {
     /// Path of the scene file, as given.
     pub scene: String,
-    /// `wavefront` or `megakernel`.
+    /// `wavefront`, `megakernel` or `megakernel-wide`.
     pub engine: String,
     /// Pixels per row.
     pub width: u32,
@@ -44,7 +44,7 @@ pub struct Report {
     pub peak_memory_bytes: Option<u64>,
     /// Worker threads.
     pub threads: usize,
-    /// Paths in the pool of a worker; none for the megakernel.
+    /// Paths in the pool of a worker; none for the megakernels.
     pub batch: Option<usize>,
     /// Name of the processor.
     pub cpu: String,

@@ -3,9 +3,8 @@
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Mask, Real, Uint};
 use crate::math::{Vec3, uniform_disk};
-use crate::queue::{PIXEL_BITS, PathQueue, SlotTable};
+use crate::queue::{PathQueue, SlotTable, place};
 use crate::sampler::{Sampler, Stream, dimension, stream_seed};
-use crate::shade::Features;
 use core::marker::PhantomData;
 
 /// Side of a block of pixels, the unit of work and of the film.
@@ -228,7 +227,7 @@ pub struct Batch<'a> {
 }
 
 /// The kernel: starts one path for each of `free`.
-pub struct Generate<'a, P> {
+pub struct Generate<'a, S> {
     /// Camera.
     pub camera: &'a Camera,
     /// Which paths.
@@ -239,20 +238,20 @@ pub struct Generate<'a, P> {
     pub paths: &'a mut PathQueue,
     /// Slots are set up.
     pub slots: &'a mut SlotTable,
-    /// Features.
-    pub features: PhantomData<P>,
+    /// Random numbers.
+    pub sampler: PhantomData<S>,
 }
 
-impl<P: Features> Kernel for Generate<'_, P> {
+impl<S: Sampler> Kernel for Generate<'_, S> {
     type Output = ();
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) {
-        generate::<I::Wide, P>(self.camera, &self.batch, self.free, self.paths, self.slots);
+        generate::<I::Wide, S>(self.camera, &self.batch, self.free, self.paths, self.slots);
     }
 }
 
 #[inline(always)]
-fn generate<F: Real, P: Features>(
+fn generate<F: Real, S: Sampler>(
     camera: &Camera,
     batch: &Batch,
     free: &[u32],
@@ -261,11 +260,12 @@ fn generate<F: Real, P: Features>(
 ) {
     let pixels = batch.block.pixels();
     let weights = !slots.filter_weight.is_empty();
+    let scales = !slots.eta_scale.is_empty();
     let mut done = 0;
     while done < free.len() {
         // A vector stays within one sample of the block.
         let pixel = (batch.first + done) % pixels;
-        let sample = batch.first_sample + ((batch.first + done) / pixels) as u32;
+        let sample = ((batch.first + done) / pixels) as u32;
         let count = (free.len() - done).min(pixels - pixel).min(F::LANES);
         let active = F::Mask::first(count);
         let lanes = |column: &[u32]| {
@@ -276,9 +276,11 @@ fn generate<F: Real, P: Features>(
         let x = lanes(&batch.block.columns) + F::Uint::splat(batch.block.x);
         let y = lanes(&batch.block.rows) + F::Uint::splat(batch.block.y);
         let number = y * F::Uint::splat(batch.image_width) + x;
-        let stream =
-            Stream { seed: stream_seed(batch.seed, number, batch.replicate), index: F::Uint::splat(sample) };
-        let ray = camera_ray::<F, P::Sampler>(camera, stream, x, y);
+        let stream = Stream {
+            seed: stream_seed(batch.seed, number, batch.replicate),
+            index: F::Uint::splat(batch.first_sample + sample),
+        };
+        let ray = camera_ray::<F, S>(camera, stream, x, y);
 
         let to = paths.len;
         ray.origin.x.store(&mut paths.origin_x, to);
@@ -291,9 +293,6 @@ fn generate<F: Real, P: Features>(
         F::one().store(&mut paths.throughput_g, to);
         F::one().store(&mut paths.throughput_b, to);
         F::zero().store(&mut paths.pdf, to);
-        if P::TRANSMISSION && !paths.eta_scale.is_empty() {
-            F::one().store(&mut paths.eta_scale, to);
-        }
         let (seed, weight) = (stream.seed.to_array(), ray.weight.to_array());
         debug_assert_eq!(active.count(), count);
         for lane in 0..count {
@@ -301,11 +300,13 @@ fn generate<F: Real, P: Features>(
             paths.slot_depth[to + lane] = slot;
             let slot = slot as usize;
             slots.seed[slot] = seed[lane];
-            slots.index[slot] = sample;
-            slots.place[slot] = batch.unit << PIXEL_BITS | (pixel + lane) as u32;
+            slots.place[slot] = place(batch.unit, sample, (pixel + lane) as u32);
             slots.radiance_r[slot] = 0.0;
             slots.radiance_g[slot] = 0.0;
             slots.radiance_b[slot] = 0.0;
+            if scales {
+                slots.eta_scale[slot] = 1.0;
+            }
             if weights {
                 slots.filter_weight[slot] = weight[lane];
             }

@@ -8,21 +8,39 @@ use crate::scene::{MISS, MaterialClass, PrimitiveTag};
 /// Number of lists: the material classes, and after them those of [`list`].
 pub const LISTS: usize = MaterialClass::COUNT + 2;
 
-/// Lists beside those of the material classes.
+/// Numbers of the lists. Those of paths that end come first: beside the free slots, which theirs are to join.
 pub mod list {
     use crate::scene::MaterialClass;
-    /// Paths at their last vertex, or on a surface that reflects nothing: they end after their emission was added.
-    pub const ENDED: usize = MaterialClass::COUNT;
     /// Paths that left the scene.
-    pub const MISSED: usize = MaterialClass::COUNT + 1;
+    pub const MISSED: usize = 0;
+    /// Paths at their last vertex, or on a surface that reflects nothing: they end after their emission was added.
+    pub const ENDED: usize = 1;
+    const FIRST_CLASS: usize = 2;
+    /// Paths to be scattered by a material.
+    #[inline(always)]
+    pub const fn of(class: MaterialClass) -> usize {
+        of_number(class as u32)
+    }
+    #[inline(always)]
+    pub(super) const fn of_number(class: u32) -> usize {
+        FIRST_CLASS + class as usize
+    }
+    /// The class whose list this is; none for [`MISSED`] and [`ENDED`].
+    #[inline(always)]
+    pub const fn class(list: usize) -> Option<MaterialClass> {
+        if list < FIRST_CLASS { None } else { Some(MaterialClass::ALL[list - FIRST_CLASS]) }
+    }
 }
 
-/// Where each list begins and ends in [`OrderLists::sorted`].
+/// Bit of [`OrderLists::key`] of paths whose primitive emits; the others hold the number of the list.
+pub const EMITS: u8 = 0x80;
+
+/// Where each list begins and ends in [`OrderLists::list`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sorted {
-    /// List `k` is `sorted[starts[k]..starts[k + 1]]`.
+    /// List `k` is `list[starts[k]..starts[k + 1]]`.
     pub starts: [usize; LISTS + 1],
-    /// Places in [`OrderLists::emitting`].
+    /// Number of paths whose primitive emits.
     pub emitting: usize,
 }
 
@@ -44,15 +62,17 @@ pub struct MaterialSort<'a> {
     pub paths: &'a PathQueue,
     /// Where they arrived.
     pub hits: &'a HitQueue,
-    /// Receives the lists.
+    /// Receives the lists, behind the free slots.
     pub order: &'a mut OrderLists,
+    /// Number of free slots.
+    pub free: usize,
 }
 
 impl Kernel for MaterialSort<'_> {
     type Output = Sorted;
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) -> Sorted {
-        material_sort(self.tags, self.max_depth, self.paths, self.hits, self.order)
+        material_sort(self.tags, self.max_depth, self.paths, self.hits, self.order, self.free)
     }
 }
 
@@ -66,7 +86,7 @@ pub fn list_of(tags: &[u32], max_depth: u32, primitive: u32, depth: u32) -> (usi
     }
     let tag = PrimitiveTag(tags[primitive as usize]);
     let ended = depth >= max_depth || tag.class() == MaterialClass::Absorber as u32;
-    (if ended { list::ENDED } else { tag.class() as usize }, tag.emits())
+    (if ended { list::ENDED } else { list::of_number(tag.class()) }, tag.emits())
 }
 
 #[inline(always)]
@@ -76,26 +96,26 @@ fn material_sort(
     paths: &PathQueue,
     hits: &HitQueue,
     order: &mut OrderLists,
+    free: usize,
 ) -> Sorted {
     let n = paths.len;
     let mut counts = [0usize; 16];
     let mut emitting = 0;
-    // First pass: keys, into the list of free slots' neighbour: `finished` is empty here and serves as scratch.
-    let keys = &mut order.finished[..n];
+    let keys = &mut order.key[..n];
     for (i, key) in keys.iter_mut().enumerate() {
         let (list, emits) = list_of(tags, max_depth, hits.primitive[i], paths.slot_depth[i] >> SLOT_BITS);
-        *key = list as u32;
+        *key = list as u8 | if emits { EMITS } else { 0 };
         counts[list & 15] += 1;
-        order.emitting[emitting] = i as u32;
         emitting += emits as usize;
     }
     let mut sorted = Sorted { emitting, ..Sorted::default() };
     let mut cursor = [0usize; 16];
+    sorted.starts[0] = free;
     for k in 0..LISTS {
         cursor[k] = sorted.starts[k];
         sorted.starts[k + 1] = sorted.starts[k] + counts[k];
     }
-    let out = &mut order.sorted[..n];
+    let out = &mut order.list[..free + n];
     for (i, &key) in keys.iter().enumerate() {
         let at = &mut cursor[key as usize & 15];
         out[*at] = i as u32;

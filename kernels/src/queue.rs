@@ -4,6 +4,9 @@
 //! A queue belongs to one worker, is allocated once and never grows. Columns are padded by [`PAD`] elements, so that
 //! kernels may write whole vectors past the last element.
 
+use crate::lanes::Uint;
+use crate::sampler::Stream;
+
 /// Elements behind the capacity of every column: the widest vector.
 pub const PAD: usize = 16;
 
@@ -126,7 +129,6 @@ queues! {
         throughput_g: f32, Always, "throughput, green";
         throughput_b: f32, Always, "throughput, blue";
         pdf: f32, Always, "density of the direction over solid angle; 0: specular, or from the camera";
-        eta_scale: f32, Transmission, "product of the squared relative indices crossed, for roulette";
         slot_depth: u32, Always, "slot (low 20 bits) and number of the next vertex (high 12 bits)";
     }
     /// Closest hits of the paths, by place in the path queue.
@@ -139,15 +141,15 @@ queues! {
     /// What stays in place while a path lives, by slot.
     SlotTable "slot" {
         seed: u32, Always, "random stream: hash of render seed, pixel and replicate";
-        index: u32, Always, "random stream: number of the sample";
-        place: u32, Always, "work unit (high bits) and pixel in its block (low 8 bits)";
+        place: u32, Always, "work unit, sample in it (4 bits), pixel in its block (low 8 bits)";
         radiance_r: f32, Always, "radiance so far, red";
         radiance_g: f32, Always, "radiance so far, green";
         radiance_b: f32, Always, "radiance so far, blue";
+        eta_scale: f32, Transmission, "product of the squared relative indices crossed, for roulette";
         filter_weight: f32, FilterWeights, "1, or -1 in the negative lobes of the filter";
     }
-    /// Shadow rays of one round, and what they add if nothing is in their way.
-    ShadowQueue "shadow" {
+    /// Shadow rays of some paths of a round, and what they add if nothing is in their way.
+    ShadowQueue "shadow (some)" {
         origin_x: f32, LightSampling, "ray origin, x";
         origin_y: f32, LightSampling, "ray origin, y";
         origin_z: f32, LightSampling, "ray origin, z";
@@ -160,12 +162,11 @@ queues! {
         radiance_b: f32, LightSampling, "radiance that it adds, blue";
         slot: u32, LightSampling, "slot of the path";
     }
-    /// Lists of places, written by `material_sort`, and slots that are free or finished.
+    /// What is to be done with which path. There are as many free slots and paths together as the pool has places, so
+    /// both lists share a column: the free slots are in front.
     OrderLists "order" {
-        sorted: u32, Always, "places in the path queue, by material class";
-        emitting: u32, Always, "places whose primitive emits";
-        finished: u32, Always, "slots of paths that ended in this round";
-        free: u32, Always, "slots without a path";
+        list: u32, Always, "slots without a path, then places in the path queue, by what the paths met";
+        key: u8, Always, "what the path met, by place";
     }
 }
 
@@ -177,11 +178,51 @@ pub const MAX_BATCH: usize = 1 << SLOT_BITS;
 pub const MAX_DEPTH: u32 = (1 << (32 - SLOT_BITS)) - 2;
 /// Bits of [`SlotTable::place`] that hold the pixel in its block.
 pub const PIXEL_BITS: u32 = 8;
+/// Bits of [`SlotTable::place`] above them that hold the sample in its work unit.
+pub const SAMPLE_BITS: u32 = 4;
 
-/// Bytes that a path takes in all queues together.
-pub fn bytes_per_path(requirements: Requirements) -> usize {
-    columns()
-        .filter(|c| requirements.have(c.needs))
-        .map(|c| c.bytes * if c.queue.ends_with("(twice)") { 2 } else { 1 })
-        .sum()
+/// A path's place in the film, as [`SlotTable::place`] has it: number of the work unit, sample in it, pixel in its
+/// block.
+pub fn place(unit: u32, sample: u32, pixel: u32) -> u32 {
+    debug_assert!(sample >> SAMPLE_BITS == 0 && pixel >> PIXEL_BITS == 0);
+    (unit << SAMPLE_BITS | sample) << PIXEL_BITS | pixel
+}
+
+/// Work unit and pixel of a [`place`].
+pub fn unit_and_pixel(place: u32) -> (usize, usize) {
+    ((place >> (PIXEL_BITS + SAMPLE_BITS)) as usize, (place & ((1 << PIXEL_BITS) - 1)) as usize)
+}
+
+impl SlotTable {
+    /// Random numbers of the paths in some slots; `first_sample` is the index of the first sample of each work unit.
+    ///
+    /// # Safety
+    /// The slots are below the capacity of the table, and their places name units of `first_sample`.
+    #[inline(always)]
+    pub unsafe fn stream<U: Uint>(&self, first_sample: &[u32], slot: U) -> Stream<U> {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let place = U::gather(&self.place, slot);
+            let first = U::gather(first_sample, place.shr::<{ PIXEL_BITS + SAMPLE_BITS }>());
+            let sample = place.shr::<PIXEL_BITS>() & U::splat((1 << SAMPLE_BITS) - 1);
+            Stream { seed: U::gather(&self.seed, slot), index: first + sample }
+        }
+    }
+}
+
+/// Most shadow rays that wait at a time: light sampling follows shading in pieces, so that the rays are still in the
+/// first-level cache and take no memory for each path.
+pub const SHADOW_RAYS: usize = 512;
+
+/// Bytes that a path takes in all queues together, and bytes of the queue of shadow rays of a worker.
+pub fn bytes_per_path(requirements: Requirements) -> (usize, usize) {
+    let (mut path, mut shadow) = (0, 0);
+    for column in columns().filter(|c| requirements.have(c.needs)) {
+        match column.queue {
+            "path (twice)" => path += 2 * column.bytes,
+            "shadow (some)" => shadow += SHADOW_RAYS * column.bytes,
+            _ => path += column.bytes,
+        }
+    }
+    (path, shadow)
 }

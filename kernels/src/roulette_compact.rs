@@ -5,7 +5,6 @@ use crate::lanes::{Mask, Real, Uint};
 use crate::math::Vec3;
 use crate::queue::{OrderLists, PathQueue, SLOT_BITS, SlotTable};
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
-use crate::shade::Features;
 use core::marker::PhantomData;
 
 /// Paths are not played for before they have scattered this often.
@@ -46,37 +45,40 @@ pub fn roulette<F: Real, S: Sampler>(
     }
 }
 
-/// The kernel: plays for all paths of a queue and packs the survivors to its front. Slots of the others go to the
-/// list of finished ones. Returns the number of finished slots.
-pub struct RouletteCompact<'a, P> {
+/// The kernel: plays for all paths of a queue and packs the survivors to its front. Slots of the others join the
+/// free ones, whose number it returns.
+pub struct RouletteCompact<'a, S> {
     /// Paths; packed in place.
     pub paths: &'a mut PathQueue,
     /// Random streams, and where a throughput that is not finite is made known.
     pub slots: &'a mut SlotTable,
-    /// Receives the slots of ended paths, behind those that it has.
+    /// Index of the first sample of each work unit.
+    pub first_sample: &'a [u32],
+    /// Receives the slots of ended paths, behind the free ones.
     pub order: &'a mut OrderLists,
-    /// How many finished slots there are already.
-    pub finished: usize,
-    /// Features.
-    pub features: PhantomData<P>,
+    /// How many slots are free already.
+    pub free: usize,
+    /// Random numbers.
+    pub sampler: PhantomData<S>,
 }
 
-impl<P: Features> Kernel for RouletteCompact<'_, P> {
+impl<S: Sampler> Kernel for RouletteCompact<'_, S> {
     type Output = usize;
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) -> usize {
-        roulette_compact::<I::Wide, P>(self.paths, self.slots, self.order, self.finished)
+        roulette_compact::<I::Wide, S>(self.paths, self.slots, self.first_sample, self.order, self.free)
     }
 }
 
 #[inline(always)]
-fn roulette_compact<F: Real, P: Features>(
+fn roulette_compact<F: Real, S: Sampler>(
     paths: &mut PathQueue,
     slots: &mut SlotTable,
+    first_sample: &[u32],
     order: &mut OrderLists,
-    mut finished: usize,
+    mut free: usize,
 ) -> usize {
-    let scales = P::TRANSMISSION && !paths.eta_scale.is_empty();
+    let scales = !slots.eta_scale.is_empty();
     let n = paths.len;
     let mut to = 0;
     let mut at = 0;
@@ -89,7 +91,6 @@ fn roulette_compact<F: Real, P: Features>(
         let slot = slot_depth & F::Uint::splat((1 << SLOT_BITS) - 1);
         let throughput =
             Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
-        let eta_scale = if scales { real(&paths.eta_scale) } else { F::one() };
 
         // The sum, not the maximum: that of a NaN and a number is the number.
         let finite = (throughput.x + throughput.y + throughput.z).lt(F::lit(f64::INFINITY));
@@ -98,11 +99,12 @@ fn roulette_compact<F: Real, P: Features>(
         }
         // SAFETY: slots were given out by `generate` and are below the capacity of the table; lanes behind the end
         // hold slots of earlier rounds, or 0.
-        let stream = unsafe {
-            Stream { seed: F::Uint::gather(&slots.seed, slot), index: F::Uint::gather(&slots.index, slot) }
+        let (stream, eta_scale) = unsafe {
+            let eta_scale = if scales { F::gather(&slots.eta_scale, slot) } else { F::one() };
+            (slots.stream(first_sample, slot), eta_scale)
         };
         let scattered = slot_depth.shr::<SLOT_BITS>();
-        let (throughput, lives) = roulette::<F, P::Sampler>(stream, throughput, eta_scale, scattered);
+        let (throughput, lives) = roulette::<F, S>(stream, throughput, eta_scale, scattered);
         let lives = lives & active & finite;
         let ends = active & !lives;
 
@@ -117,17 +119,14 @@ fn roulette_compact<F: Real, P: Features>(
         throughput.x.compress(lives, &mut paths.throughput_r, to);
         throughput.y.compress(lives, &mut paths.throughput_g, to);
         throughput.z.compress(lives, &mut paths.throughput_b, to);
-        if scales {
-            eta_scale.compress(lives, &mut paths.eta_scale, to);
-        }
         slot_depth.compress(lives, &mut paths.slot_depth, to);
-        slot.compress(ends, &mut order.finished, finished);
+        slot.compress(ends, &mut order.list, free);
         to += lives.count();
-        finished += ends.count();
+        free += ends.count();
         at += count;
     }
     paths.len = to;
-    finished
+    free
 }
 
 /// A throughput that is infinite or not a number makes the sample invalid: it is counted when the path ends.

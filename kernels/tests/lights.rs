@@ -22,7 +22,7 @@ use wavepath_kernels::scene::{Geometry, MaterialTable, Scene};
 use wavepath_kernels::shade::bsdf::{Bsdf, MaterialRow};
 use wavepath_kernels::shade::emission::emitted;
 use wavepath_kernels::shade::surface::Surface;
-use wavepath_kernels::shade::{Features, Vertex, lambert, rough_conductor, scatter};
+use wavepath_kernels::shade::{Features, Kinds, Vertex, lambert, rough_conductor, scatter};
 
 /// One lane, single or double precision.
 trait Scalar: Real<Mask = bool, Uint = Wrapping<u32>> + Into<f64> {}
@@ -647,9 +647,9 @@ fn lights_that_cannot_be_sampled_are_not_chosen() {
 struct Plan<const LIGHTS: u32, S>(PhantomData<S>);
 impl<const LIGHTS: u32, S: Sampler> Features for Plan<LIGHTS, S> {
     type Sampler = S;
-    const LIGHTS: u32 = LIGHTS;
-    const TRANSMISSION: bool = false;
+    type Lights = Kinds<LIGHTS>;
     type General = Self;
+    type Specular = Self;
 }
 
 fn scene_of(light: &Light, material: [f32; 8]) -> Scene {
@@ -700,7 +700,7 @@ fn reflected<B: Bsdf<f32>, P: Features>(light: &Light, material: [f32; 8], wo: [
             if let Some((t, n)) = light.meet([0.0; 3], d) {
                 // SAFETY: light 0 exists.
                 let found = unsafe {
-                    emitted::<f32, P>(
+                    emitted::<f32, P::Lights>(
                         &scene,
                         Wrapping(0),
                         out.origin,

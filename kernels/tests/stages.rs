@@ -7,23 +7,13 @@ use statistics::{Mean, Random};
 use std::collections::HashSet;
 use wavepath_kernels::generate::{Batch, Camera, Filter, FilterAxis, Generate, PixelBlock};
 use wavepath_kernels::isa::Level;
-use wavepath_kernels::material_sort::{LISTS, MaterialSort, list};
+use wavepath_kernels::material_sort::{EMITS, LISTS, MaterialSort, list};
 use wavepath_kernels::queue::{
-    HitQueue, OrderLists, PIXEL_BITS, PathQueue, Requirements, SLOT_BITS, SlotTable,
+    HitQueue, OrderLists, PathQueue, Requirements, SLOT_BITS, SlotTable, place, unit_and_pixel,
 };
 use wavepath_kernels::roulette_compact::{FIRST_ROULETTE, RouletteCompact};
 use wavepath_kernels::sampler::{Sobol, stream_seed};
 use wavepath_kernels::scene::{MISS, MaterialClass, PrimitiveTag};
-use wavepath_kernels::shade::Features;
-
-#[derive(Clone, Copy)]
-struct Plan<const TRANSMISSION: bool>;
-impl<const T: bool> Features for Plan<T> {
-    type Sampler = Sobol;
-    const LIGHTS: u32 = 0;
-    const TRANSMISSION: bool = T;
-    type General = Self;
-}
 
 fn all() -> Requirements {
     Requirements { transmission: true, smooth_normals: true, light_sampling: true, filter_weights: true }
@@ -46,12 +36,15 @@ fn material_sort_is_a_stable_partition() {
         }
         for level in Level::available() {
             let mut order = OrderLists::new(4096, all());
+            let free = (4096 - n).min(3);
+            order.list[..free].fill(u32::MAX);
             let (paths, hits, order) = (&paths, &hits, &mut order);
-            let sorted = level.run(MaterialSort { tags: &tags, max_depth, paths, hits, order });
-            assert_eq!((sorted.starts[0], sorted.starts[LISTS]), (0, n));
+            let sorted = level.run(MaterialSort { tags: &tags, max_depth, paths, hits, order, free });
+            assert_eq!((sorted.starts[0], sorted.starts[LISTS]), (free, free + n));
+            assert!(order.list[..free].iter().all(|&s| s == u32::MAX), "free slots stay");
             let mut seen = vec![false; n];
             for k in 0..LISTS {
-                let places = &order.sorted[sorted.range(k)];
+                let places = &order.list[sorted.range(k)];
                 assert!(places.is_sorted_by(|a, b| a < b), "list {k} keeps the order");
                 for &place in places {
                     let i = place as usize;
@@ -60,23 +53,25 @@ fn material_sort_is_a_stable_partition() {
                     let want = if primitive == MISS {
                         list::MISSED
                     } else {
-                        let class = PrimitiveTag(tags[primitive as usize]).class() as usize;
-                        if depth >= max_depth || class == MaterialClass::Absorber as usize {
+                        let class =
+                            MaterialClass::ALL[PrimitiveTag(tags[primitive as usize]).class() as usize];
+                        if depth >= max_depth || class == MaterialClass::Absorber {
                             list::ENDED
                         } else {
-                            class
+                            list::of(class)
                         }
                     };
                     assert_eq!(k, want);
                 }
             }
             assert!(seen.iter().all(|&s| s));
-            let emits = |i: &u32| {
-                let primitive = hits.primitive[*i as usize];
-                primitive != MISS && PrimitiveTag(tags[primitive as usize]).emits()
-            };
-            let want: Vec<u32> = (0..n as u32).filter(emits).collect();
-            assert_eq!(order.emitting[..sorted.emitting], want);
+            for i in 0..n {
+                let primitive = hits.primitive[i];
+                let emits = primitive != MISS && PrimitiveTag(tags[primitive as usize]).emits();
+                assert_eq!(order.key[i] & EMITS != 0, emits);
+            }
+            let emitting = order.key[..n].iter().filter(|&&k| k & EMITS != 0).count();
+            assert_eq!(sorted.emitting, emitting);
         }
     }
 }
@@ -93,7 +88,7 @@ fn paths_to_play(random: &mut Random, n: usize, capacity: usize, dead: usize) ->
         paths.throughput_r[i] = scale;
         paths.throughput_g[i] = scale * random.unit() as f32;
         paths.throughput_b[i] = scale * random.unit() as f32;
-        paths.eta_scale[i] = [1.0, 2.25, 1.0 / 2.25][random.below(3)];
+        slots.eta_scale[slot as usize] = [1.0, 2.25, 1.0 / 2.25][random.below(3)];
         for column in [&mut paths.origin_x, &mut paths.origin_y, &mut paths.origin_z] {
             column[i] = slot as f32;
         }
@@ -102,7 +97,7 @@ fn paths_to_play(random: &mut Random, n: usize, capacity: usize, dead: usize) ->
             column[i] = slot as f32 + 0.5;
         }
         slots.seed[slot as usize] = random.bits() as u32;
-        slots.index[slot as usize] = random.below(64) as u32;
+        slots.place[slot as usize] = place(0, random.below(16) as u32, 0);
     }
     paths.len = n;
     (paths, slots)
@@ -120,19 +115,21 @@ fn roulette_packs_the_survivors_and_accounts_for_all_slots() {
                 let (mut paths, mut slots) = (before.clone(), slots.clone());
                 let mut order = OrderLists::new(capacity, all());
                 let already = capacity - n;
-                order.finished[..already].fill(u32::MAX);
-                let finished = level.run(RouletteCompact::<Plan<true>> {
+                order.list[..already].fill(u32::MAX);
+                let finished = level.run(RouletteCompact::<Sobol> {
                     paths: &mut paths,
                     slots: &mut slots,
+                    first_sample: &[7],
                     order: &mut order,
-                    finished: already,
-                    features: PhantomData,
+                    free: already,
+                    sampler: PhantomData,
                 });
-                assert!(order.finished[..already].iter().all(|&s| s == u32::MAX), "earlier entries stay");
+                assert!(order.list[..already].iter().all(|&s| s == u32::MAX), "earlier entries stay");
                 let slot_mask = (1 << SLOT_BITS) - 1;
-                let dead: HashSet<u32> = order.finished[already..finished].iter().copied().collect();
+                let dead: HashSet<u32> = order.list[already..finished].iter().copied().collect();
                 let alive: Vec<u32> = paths.slot_depth[..paths.len].iter().map(|s| s & slot_mask).collect();
                 assert_eq!((dead.len(), dead.len() + alive.len()), (finished - already, n));
+                let slot_of = |i: usize| (before.slot_depth[i] & slot_mask) as usize;
                 // The order of those that live is kept, and each keeps its columns.
                 let want: Vec<usize> =
                     (0..n).filter(|&i| !dead.contains(&(before.slot_depth[i] & slot_mask))).collect();
@@ -148,14 +145,13 @@ fn roulette_packs_the_survivors_and_accounts_for_all_slots() {
                             p.direction_y[i],
                             p.direction_z[i],
                             p.pdf[i],
-                            p.eta_scale[i],
                         ]
                     };
                     assert_eq!(columns(&paths, to), columns(&before, from));
                     let q = if before.slot_depth[from] >> SLOT_BITS < FIRST_ROULETTE {
                         1.0
                     } else {
-                        (before.throughput_r[from] * before.eta_scale[from]).sqrt().min(1.0)
+                        (before.throughput_r[from] * slots.eta_scale[slot_of(from)]).sqrt().min(1.0)
                     };
                     let want = before.throughput_r[from] * (1.0 / q);
                     assert!((paths.throughput_r[to] / want - 1.0).abs() < 1e-6);
@@ -165,7 +161,7 @@ fn roulette_packs_the_survivors_and_accounts_for_all_slots() {
                     let lives = !dead.contains(&(before.slot_depth[i] & slot_mask));
                     if before.throughput_r[i] == 0.0 {
                         assert!(!lives, "without throughput");
-                    } else if early || before.throughput_r[i] * before.eta_scale[i] >= 1.0 {
+                    } else if early || before.throughput_r[i] * slots.eta_scale[slot_of(i)] >= 1.0 {
                         assert!(lives, "not played for");
                     }
                 }
@@ -190,15 +186,16 @@ fn roulette_keeps_the_expectation() {
             column[..n].fill(value);
         }
         paths.slot_depth[..n].iter_mut().for_each(|s| *s = *s & ((1 << SLOT_BITS) - 1) | 3 << SLOT_BITS);
-        paths.eta_scale[..n].fill(1.0);
+        slots.eta_scale[..n].fill(1.0);
         before.add(0.3);
         let mut order = OrderLists::new(n, all());
-        Level::detect().run(RouletteCompact::<Plan<false>> {
+        Level::detect().run(RouletteCompact::<Sobol> {
             paths: &mut paths,
             slots: &mut slots,
+            first_sample: &[7],
             order: &mut order,
-            finished: 0,
-            features: PhantomData,
+            free: 0,
+            sampler: PhantomData,
         });
         lived.add(paths.len as f64 / n as f64);
         for (mean, column) in
@@ -229,14 +226,15 @@ fn throughput_that_is_not_finite_ends_and_is_made_known() {
             (paths.throughput_r[13], paths.throughput_g[13], paths.throughput_b[13]) = (r, g, b);
             let slot = paths.slot_depth[13] & ((1 << SLOT_BITS) - 1);
             let mut order = OrderLists::new(20, all());
-            let finished = level.run(RouletteCompact::<Plan<true>> {
+            let finished = level.run(RouletteCompact::<Sobol> {
                 paths: &mut paths,
                 slots: &mut slots,
+                first_sample: &[7],
                 order: &mut order,
-                finished: 0,
-                features: PhantomData,
+                free: 0,
+                sampler: PhantomData,
             });
-            assert_eq!((finished, paths.len, order.finished[0]), (1, 19, slot));
+            assert_eq!((finished, paths.len, order.list[0]), (1, 19, slot));
             for s in 0..20 {
                 assert_eq!(!slots.radiance_r[s].is_finite(), s == slot as usize);
             }
@@ -257,6 +255,7 @@ fn generate_starts_every_sample_of_every_pixel_once() {
     };
     for (width, height) in [(16, 16), (1, 1), (1, 16), (16, 3), (7, 5), (13, 16), (3, 1)] {
         for samples in [1, 3] {
+            let first_sample = [40; 78];
             for level in Level::available() {
                 let block = PixelBlock::new(32, 48, width, height);
                 assert_eq!(block.pixels(), width * height);
@@ -278,21 +277,23 @@ fn generate_starts_every_sample_of_every_pixel_once() {
                         first,
                         unit: 77,
                     };
-                    level.run(Generate::<Plan<true>> {
+                    level.run(Generate::<Sobol> {
                         camera: &camera,
                         batch,
                         free: &free,
                         paths: &mut paths,
                         slots: &mut slots,
-                        features: PhantomData,
+                        sampler: PhantomData,
                     });
                     assert_eq!(paths.len, count);
                     for (i, &slot) in free.iter().enumerate() {
                         assert_eq!(paths.slot_depth[i], slot, "the slot, at depth 0");
                         let s = slot as usize;
-                        let pixel = (slots.place[s] & ((1 << PIXEL_BITS) - 1)) as usize;
-                        assert_eq!(slots.place[s] >> PIXEL_BITS, 77);
-                        assert!(seen.insert((pixel, slots.index[s])), "pixel {pixel} twice");
+                        let (unit, pixel) = unit_and_pixel(slots.place[s]);
+                        assert_eq!(unit, 77);
+                        // SAFETY: the slot is in the table, and its unit has a first sample.
+                        let stream = unsafe { slots.stream(&first_sample, core::num::Wrapping(slot)) };
+                        assert!(seen.insert((pixel, stream.index.0)), "pixel {pixel} twice");
                         let (x, y) = (32 + block.columns[pixel], 48 + block.rows[pixel]);
                         let seed = stream_seed(9, core::num::Wrapping(y * 100 + x), 2).0;
                         assert_eq!(slots.seed[s], seed);
@@ -302,7 +303,7 @@ fn generate_starts_every_sample_of_every_pixel_once() {
                             [1.0; 3]
                         );
                         assert_eq!(
-                            (paths.pdf[i], paths.eta_scale[i], slots.filter_weight[s]),
+                            (paths.pdf[i], slots.eta_scale[s], slots.filter_weight[s]),
                             (0.0, 1.0, 1.0)
                         );
                         assert_eq!(

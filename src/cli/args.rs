@@ -123,6 +123,8 @@ pub enum Engine {
     Wavefront,
     /// One path at a time from camera to end: the naive baseline
     Megakernel,
+    /// The same through the wavefront's tree
+    MegakernelWide,
 }
 
 /// Random numbers.

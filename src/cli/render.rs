@@ -121,6 +121,7 @@ fn settings(args: &RenderArgs, description: &SceneDescription) -> Settings {
         engine: match args.engine {
             Engine::Wavefront => EngineKind::Wavefront,
             Engine::Megakernel => EngineKind::Megakernel,
+            Engine::MegakernelWide => EngineKind::MegakernelWide,
         },
         sampler: match args.sampler {
             Some(SamplerChoice::Sobol) => SamplerKind::Sobol,

@@ -1,14 +1,13 @@
 //! The megakernel: one path at a time, from the camera to its end. The naive baseline that the wavefront is held
 //! against: what a good engineer writes first, never hobbled, never tuned.
 
-use super::Job;
-use super::add_to_film;
 use super::schedule::Unit;
 use super::stats::{Laps, Stage, Stats};
+use super::{Job, Tree, add_to_film};
 use crate::film::BlockSums;
 use std::marker::PhantomData;
 use wavepath_kernels::generate::{BLOCK_PIXELS, camera_ray};
-use wavepath_kernels::intersect::{Accelerator, Closest, Occluded, TraversalStack};
+use wavepath_kernels::intersect::{Accelerator, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::lanes::{Real, Uint};
 use wavepath_kernels::material_sort::{list, list_of};
@@ -25,16 +24,16 @@ use wavepath_kernels::shade::{
 };
 
 /// One worker of the engine: takes tiles until there are none left.
-pub struct Worker<'a, P, A> {
+pub struct Worker<'a, P> {
     /// What is rendered.
     pub job: &'a Job<'a>,
     /// What rays are traced through.
-    pub accelerator: &'a A,
+    pub tree: &'a Tree<'a>,
     /// Features.
     pub features: PhantomData<P>,
 }
 
-impl<P: Features, A: Accelerator> Kernel for Worker<'_, P, A> {
+impl<P: Features> Kernel for Worker<'_, P> {
     type Output = Stats;
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) -> Stats {
@@ -42,20 +41,20 @@ impl<P: Features, A: Accelerator> Kernel for Worker<'_, P, A> {
     }
 }
 
-impl<P, A: Accelerator> Worker<'_, P, A> {
+impl<P> Worker<'_, P> {
     /// Takes tiles, with the features `Q`.
     #[inline(always)]
     fn tiles<I: Isa, Q: Features>(self, isa: I) -> Stats {
-        let Worker { job, accelerator, .. } = self;
+        let Worker { job, tree, .. } = self;
         let mut stats = Stats::default();
         let mut laps = Laps::start();
-        let mut stack = accelerator.stack();
+        let mut stack = tree.stack();
         let mut sums = BlockSums::new(BLOCK_PIXELS, job.plan.requirements);
         while let Some(unit) = job.schedule.take() {
             sums.clear();
-            isa.run(Tile::<Q, A> {
+            isa.run(Tile::<Q> {
                 job,
-                accelerator,
+                tree,
                 unit: &unit,
                 sums: &mut sums,
                 stack: &mut stack,
@@ -70,9 +69,9 @@ impl<P, A: Accelerator> Worker<'_, P, A> {
 }
 
 /// All samples of a work unit.
-struct Tile<'a, P, A> {
+struct Tile<'a, P> {
     job: &'a Job<'a>,
-    accelerator: &'a A,
+    tree: &'a Tree<'a>,
     unit: &'a Unit,
     sums: &'a mut BlockSums,
     stack: &'a mut TraversalStack,
@@ -80,7 +79,7 @@ struct Tile<'a, P, A> {
     features: PhantomData<P>,
 }
 
-impl<P: Features, A: Accelerator> Kernel for Tile<'_, P, A> {
+impl<P: Features> Kernel for Tile<'_, P> {
     type Output = ();
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) {
@@ -95,10 +94,10 @@ impl<P: Features, A: Accelerator> Kernel for Tile<'_, P, A> {
             for sample in 0..self.unit.samples {
                 let stream = Stream { seed: stream_seed, index: splat(self.unit.first + sample) };
                 let ray = camera_ray::<I::One, P::Sampler>(&scene.camera, stream, splat(x), splat(y));
-                let radiance = trace::<I, P, A>(
+                let radiance = trace::<I, P>(
                     isa,
                     scene,
-                    self.accelerator,
+                    self.tree,
                     stream,
                     ray.origin,
                     ray.direction,
@@ -115,10 +114,10 @@ impl<P: Features, A: Accelerator> Kernel for Tile<'_, P, A> {
 /// Radiance along a camera ray.
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
-fn trace<I: Isa, P: Features, A: Accelerator>(
+fn trace<I: Isa, P: Features>(
     isa: I,
     scene: &Scene,
-    accelerator: &A,
+    tree: &Tree,
     stream: Stream<<I::One as Real>::Uint>,
     mut origin: Vec3<I::One>,
     mut direction: Vec3<I::One>,
@@ -137,8 +136,7 @@ fn trace<I: Isa, P: Features, A: Accelerator>(
     };
     stats.camera_rays += 1;
     for depth in 0.. {
-        let hit =
-            isa.run(Closest { accelerator, origin: origin.lane(0), direction: direction.lane(0), stack });
+        let hit = tree.closest(isa, origin.lane(0), direction.lane(0), stack);
         let (list, emits) = list_of(&scene.geometry.tags, scene.max_depth, hit.primitive, depth);
         if list == list::MISSED {
             add(throughput * Vec3::splat(scene.environment));
@@ -157,20 +155,26 @@ fn trace<I: Isa, P: Features, A: Accelerator>(
             let light = uint(tag & PrimitiveTag::ID_MASK);
             // SAFETY: the tag of an emitting primitive holds the number of its light.
             let light = unsafe {
-                emitted::<I::One, P>(scene, light, origin, direction, splat(hit.t), surface.normal, pdf)
+                emitted::<I::One, P::Lights>(
+                    scene,
+                    light,
+                    origin,
+                    direction,
+                    splat(hit.t),
+                    surface.normal,
+                    pdf,
+                )
             };
             add(throughput * light);
         }
-        if list == list::ENDED {
-            break;
-        }
+        let Some(class) = list::class(list) else { break };
         let vertex = Vertex { surface, direction, throughput, eta_scale, stream, depth: uint(depth) };
         macro_rules! material {
             ($material:ident) => {
                 scatter_from::<I::One, $material, P>(scene, tag, &vertex)
             };
         }
-        let next = match MaterialClass::ALL[list] {
+        let next = match class {
             MaterialClass::Absorber => break,
             MaterialClass::Lambert => material!(LambertMaterial),
             MaterialClass::OrenNayar => material!(OrenNayarMaterial),
@@ -181,13 +185,9 @@ fn trace<I: Isa, P: Features, A: Accelerator>(
         };
         if P::LIGHTS != 0 && next.shadow.valid {
             stats.shadow_rays += 1;
-            let blocked = isa.run(Occluded {
-                accelerator,
-                origin: next.shadow.origin.lane(0),
-                direction: next.shadow.direction.lane(0),
-                distance: next.shadow.distance.to_array()[0],
-                stack,
-            });
+            let (origin, direction) = (next.shadow.origin.lane(0), next.shadow.direction.lane(0));
+            let distance = next.shadow.distance.to_array()[0];
+            let blocked = tree.occluded(isa, origin, direction, distance, stack);
             if !blocked {
                 add(next.shadow.radiance);
             }

@@ -16,22 +16,24 @@ use stats::Stats;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use wavepath_kernels::intersect::Accelerator;
 use wavepath_kernels::intersect::bvh2::NaiveBvh;
 use wavepath_kernels::intersect::bvh8::Bvh8;
-use wavepath_kernels::isa::Level;
+use wavepath_kernels::intersect::{Accelerator, Closest, Hit, Occluded, TraversalStack};
+use wavepath_kernels::isa::{Isa, Level};
 use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol};
 use wavepath_kernels::scene::Scene;
-use wavepath_kernels::shade::Features;
+use wavepath_kernels::shade::{Features, Kinds};
 
 /// How paths are executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EngineKind {
     /// Stage by stage over pools of paths, in SIMD kernels.
     Wavefront,
-    /// One path at a time.
+    /// One path at a time, through obvhs' tree by obvhs' own traversal: the naive baseline.
     Megakernel,
+    /// One path at a time, through the wavefront's tree: tells what is layout and what is wavefront.
+    MegakernelWide,
 }
 
 /// What is chosen for a render, beside the scene.
@@ -53,9 +55,9 @@ pub struct Settings {
 
 /// The tree that an engine traces rays through, built once a scene.
 pub enum Tree<'a> {
-    /// For the wavefront.
+    /// 8 wide.
     Bvh8(Bvh8<'a>),
-    /// For the megakernel.
+    /// obvhs' own.
     Naive(NaiveBvh<'a>),
 }
 
@@ -63,12 +65,50 @@ impl<'a> Tree<'a> {
     /// Builds the tree of an engine.
     pub fn build(engine: EngineKind, scene: &'a Scene) -> Self {
         match engine {
-            EngineKind::Wavefront => Tree::Bvh8(Bvh8::new(&scene.geometry)),
+            EngineKind::Wavefront | EngineKind::MegakernelWide => Tree::Bvh8(Bvh8::new(&scene.geometry)),
             EngineKind::Megakernel => Tree::Naive(NaiveBvh::new(&scene.geometry)),
         }
     }
-    /// Bytes on the heap.
-    pub fn bytes(&self) -> usize {
+}
+
+/// Ray by ray, as the megakernel asks: it is compiled once for both trees, and the choice costs a branch that never
+/// misses.
+impl Accelerator for Tree<'_> {
+    const NAME: &'static str = "either";
+    #[inline(always)]
+    fn closest<I: Isa>(
+        &self,
+        isa: I,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        stack: &mut TraversalStack,
+    ) -> Hit {
+        match self {
+            Tree::Bvh8(tree) => isa.run(Closest { accelerator: tree, origin, direction, stack }),
+            Tree::Naive(tree) => isa.run(Closest { accelerator: tree, origin, direction, stack }),
+        }
+    }
+    #[inline(always)]
+    fn occluded<I: Isa>(
+        &self,
+        isa: I,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        distance: f32,
+        stack: &mut TraversalStack,
+    ) -> bool {
+        match self {
+            Tree::Bvh8(tree) => isa.run(Occluded { accelerator: tree, origin, direction, distance, stack }),
+            Tree::Naive(tree) => isa.run(Occluded { accelerator: tree, origin, direction, distance, stack }),
+        }
+    }
+    fn stack(&self) -> TraversalStack {
+        match self {
+            Tree::Bvh8(tree) => tree.stack(),
+            Tree::Naive(tree) => tree.stack(),
+        }
+    }
+    fn bytes(&self) -> usize {
         match self {
             Tree::Bvh8(tree) => tree.bytes(),
             Tree::Naive(tree) => tree.bytes(),
@@ -111,15 +151,15 @@ fn add_to_film(job: &Job, unit: &Unit, sums: &BlockSums, stats: &mut Stats) {
 
 /// Features as the plan has them.
 #[derive(Clone, Copy, Debug)]
-struct Planned<S, const LIGHTS: u32, const TRANSMISSION: bool>(PhantomData<S>);
+struct Planned<S, const LIGHTS: u32>(PhantomData<S>);
 
 macro_rules! planned {
     ($($lights:expr, $general:expr;)*) => {$(
-        impl<S: Sampler, const TRANSMISSION: bool> Features for Planned<S, { $lights }, TRANSMISSION> {
+        impl<S: Sampler> Features for Planned<S, { $lights }> {
             type Sampler = S;
-            const LIGHTS: u32 = $lights;
-            const TRANSMISSION: bool = TRANSMISSION;
-            type General = Planned<S, { $general }, true>;
+            type Lights = Kinds<{ $lights }>;
+            type General = Planned<S, { $general }>;
+            type Specular = Planned<S, 0>;
         }
     )*};
 }
@@ -188,49 +228,37 @@ fn watched<R: Send>(done: &Done, mut watch: impl FnMut(&Done), work: impl FnOnce
 fn with_sampler<S: Sampler>(pool: &rayon::ThreadPool, job: &Job, tree: &Tree, settings: &Settings) -> Stats {
     let (level, batch) = (settings.level, settings.batch);
     macro_rules! with_lights {
-        ($run:ident, $transmission:literal) => {
+        ($run:ident) => {
             match job.plan.light_kinds {
-                0 => $run!(Planned<S, 0, $transmission>),
-                kind::SPHERE => $run!(Planned<S, { kind::SPHERE }, $transmission>),
-                _ => $run!(Planned<S, { kind::ALL }, $transmission>),
+                0 => $run!(Planned<S, 0>),
+                kind::SPHERE => $run!(Planned<S, { kind::SPHERE }>),
+                _ => $run!(Planned<S, { kind::ALL }>),
             }
         };
     }
-    let workers = match tree {
-        Tree::Bvh8(accelerator) => {
-            macro_rules! wavefront {
-                ($features:ty) => {
-                    pool.broadcast(|_| {
-                        level.run(wavefront::Worker::<$features, _> {
-                            job,
-                            accelerator,
-                            batch,
-                            features: PhantomData,
-                        })
-                    })
-                };
-            }
-            if job.plan.requirements.transmission {
-                with_lights!(wavefront, true)
-            } else {
-                with_lights!(wavefront, false)
-            }
-        }
-        Tree::Naive(accelerator) => {
-            macro_rules! megakernel {
-                ($features:ty) => {
-                    pool.broadcast(|_| {
-                        level.run(megakernel::Worker::<$features, _> {
-                            job,
-                            accelerator,
-                            features: PhantomData,
-                        })
-                    })
-                };
-            }
-            // Without queues, transmission is one multiplication by 1: not worth a second copy of the engine.
-            with_lights!(megakernel, true)
-        }
+    macro_rules! wavefront {
+        ($features:ty) => {{
+            let Tree::Bvh8(accelerator) = tree else { unreachable!("built for this engine") };
+            pool.broadcast(|_| {
+                level.run(wavefront::Worker::<$features, _> {
+                    job,
+                    accelerator,
+                    batch,
+                    features: PhantomData,
+                })
+            })
+        }};
+    }
+    macro_rules! megakernel {
+        ($features:ty) => {
+            pool.broadcast(|_| {
+                level.run(megakernel::Worker::<$features> { job, tree, features: PhantomData })
+            })
+        };
+    }
+    let workers = match settings.engine {
+        EngineKind::Wavefront => with_lights!(wavefront),
+        EngineKind::Megakernel | EngineKind::MegakernelWide => with_lights!(megakernel),
     };
     workers.iter().fold(Stats::default(), |mut sum, worker| {
         sum.merge(worker);

@@ -6,13 +6,15 @@ use super::stats::{Laps, Stage, Stats};
 use super::{Job, add_to_film};
 use crate::film::BlockSums;
 use std::marker::PhantomData;
+use std::ops::Range;
 use wavepath_kernels::generate::{Batch, Generate};
 use wavepath_kernels::intersect::{Accelerator, Intersect, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::material_sort::{MaterialSort, Sorted, list};
 use wavepath_kernels::queue::{
-    HitQueue, OrderLists, PIXEL_BITS, PathQueue, Requirements, SLOT_BITS, ShadowQueue, SlotTable,
+    HitQueue, OrderLists, PathQueue, Requirements, SHADOW_RAYS, SLOT_BITS, ShadowQueue, SlotTable,
+    unit_and_pixel,
 };
 use wavepath_kernels::roulette_compact::RouletteCompact;
 use wavepath_kernels::scene::MaterialClass;
@@ -68,14 +70,14 @@ struct Pool<'a, P, A> {
     hits: HitQueue,
     slots: SlotTable,
     shadows: ShadowQueue,
-    /// Where each run of shadow rays ends, and whether they start at what the camera sees.
-    shadow_classes: Vec<(usize, bool)>,
     order: OrderLists,
     /// Paths that have bounced; those behind them in the queue come from the camera.
     survivors: usize,
-    /// Slots in `order.free`.
+    /// Slots at the front of `order.list`.
     free: usize,
     units: Vec<OpenUnit>,
+    /// Index of the first sample of each unit.
+    first_sample: Vec<u32>,
     free_units: Vec<u32>,
     /// The unit whose paths are being started.
     current: Option<u32>,
@@ -97,7 +99,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             sums: BlockSums::new(wavepath_kernels::generate::BLOCK_PIXELS, requirements),
         };
         let mut order = OrderLists::new(batch, requirements);
-        for (k, slot) in order.free.iter_mut().enumerate() {
+        for (k, slot) in order.list.iter_mut().enumerate() {
             // Slots are taken from the end: the first ones first.
             *slot = (batch.saturating_sub(k + 1)) as u32;
         }
@@ -108,12 +110,12 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             scattered: PathQueue::new(batch, requirements),
             hits: HitQueue::new(batch, requirements),
             slots: SlotTable::new(batch, requirements),
-            shadows: ShadowQueue::new(batch, requirements),
-            shadow_classes: Vec::with_capacity(2 * MaterialClass::COUNT),
+            shadows: ShadowQueue::new(SHADOW_RAYS, requirements),
             order,
             survivors: 0,
             free: batch,
             units: (0..unit_count).map(|_| unit()).collect(),
+            first_sample: vec![0; unit_count],
             free_units: (0..unit_count as u32).collect(),
             current: None,
             stack: accelerator.stack(),
@@ -134,11 +136,16 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             laps.lap(&mut self.stats, Stage::Intersect);
             let sorted = self.material_sort(isa);
             laps.lap(&mut self.stats, Stage::MaterialSort);
-            self.shade(isa, &sorted);
-            laps.lap(&mut self.stats, Stage::Shade);
-            if P::LIGHTS != 0 {
-                self.light_sample(isa);
-                laps.lap(&mut self.stats, Stage::LightSample);
+            self.light_met(isa, &sorted);
+            for &class in &self.job.plan.shade_kernels {
+                for (piece, coherent) in self.pieces(class, &sorted) {
+                    self.shade(isa, class, piece);
+                    laps.lap(&mut self.stats, Stage::Shade);
+                    if P::LIGHTS != 0 && self.shadows.len > 0 {
+                        self.light_sample(isa, coherent);
+                        laps.lap(&mut self.stats, Stage::LightSample);
+                    }
+                }
             }
             let finished = self.roulette_compact(isa, &sorted);
             laps.lap(&mut self.stats, Stage::RouletteCompact);
@@ -158,7 +165,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             let open = &mut self.units[id as usize];
             let count = self.free.min(open.paths - open.started);
             let from = self.free - count;
-            isa.run(Generate::<P> {
+            isa.run(Generate::<P::Sampler> {
                 camera: &self.job.scene.camera,
                 batch: Batch {
                     block: &self.job.film.blocks[open.unit.block],
@@ -169,10 +176,10 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
                     first: open.started,
                     unit: id,
                 },
-                free: &self.order.free[from..self.free],
+                free: &self.order.list[from..self.free],
                 paths: &mut self.paths,
                 slots: &mut self.slots,
-                features: PhantomData,
+                sampler: PhantomData,
             });
             self.free = from;
             open.started += count;
@@ -192,6 +199,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         open.ended = 0;
         open.paths = self.job.film.blocks[unit.block].pixels() * unit.samples as usize;
         open.sums.clear();
+        self.first_sample[id as usize] = unit.first;
         Some(id)
     }
 
@@ -217,124 +225,133 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             paths: &self.paths,
             hits: &self.hits,
             order: &mut self.order,
+            free: self.free,
         })
     }
 
-    fn shade<I: Isa>(&mut self, isa: I, sorted: &Sorted) {
+    /// The light that paths met by themselves: the sky, and emitting surfaces.
+    fn light_met<I: Isa>(&mut self, isa: I, sorted: &Sorted) {
         let scene = self.job.scene;
-        self.scattered.len = 0;
-        self.shadows.len = 0;
-        self.shadow_classes.clear();
         if self.job.plan.has_environment {
             isa.run(Environment {
                 radiance: scene.environment,
-                list: &self.order.sorted[sorted.range(list::MISSED)],
+                list: &self.order.list[sorted.range(list::MISSED)],
                 paths: &self.paths,
                 slots: &mut self.slots,
             });
         }
         if sorted.emitting > 0 {
-            isa.run(Emission::<P> {
+            isa.run(Emission::<P::Lights> {
                 scene,
-                list: &self.order.emitting[..sorted.emitting],
+                keys: &self.order.key[..self.paths.len],
                 paths: &self.paths,
                 hits: &self.hits,
                 slots: &mut self.slots,
-                features: PhantomData,
+                lights: PhantomData,
             });
         }
-        for &class in &self.job.plan.shade_kernels {
-            let list = &self.order.sorted[sorted.range(class as usize)];
-            // The sort is stable: paths that have bounced come first, those from the camera last.
-            let (bounced, first) = list.split_at(list.partition_point(|&i| (i as usize) < self.survivors));
-            macro_rules! run {
-                ($material:ident) => {
-                    for (list, coherent) in [(bounced, false), (first, true)] {
-                        if list.is_empty() {
-                            continue;
-                        }
-                        isa.run(Shade::<shade::$material, P> {
-                            scene,
-                            list,
-                            paths: &self.paths,
-                            hits: &self.hits,
-                            slots: &self.slots,
-                            scattered: &mut self.scattered,
-                            shadows: &mut self.shadows,
-                            kernel: PhantomData,
-                        });
-                        self.shadow_classes.push((self.shadows.len, coherent));
-                    }
-                };
-            }
-            match class {
-                MaterialClass::Absorber => {}
-                MaterialClass::Lambert => run!(LambertMaterial),
-                MaterialClass::OrenNayar => run!(OrenNayarMaterial),
-                MaterialClass::Conductor => run!(ConductorMaterial),
-                MaterialClass::RoughConductor => run!(RoughConductorMaterial),
-                MaterialClass::Dielectric => run!(DielectricMaterial),
-                MaterialClass::ThinDielectric => run!(ThinDielectricMaterial),
-            }
+        self.scattered.len = 0;
+    }
+
+    /// The paths of a class, as places in `order.list`, in pieces whose shadow rays fit their queue; and whether the
+    /// pieces hold paths from the camera, whose shadow rays stay together.
+    fn pieces(
+        &self,
+        class: MaterialClass,
+        sorted: &Sorted,
+    ) -> impl Iterator<Item = (Range<usize>, bool)> + use<P, A> {
+        let range = sorted.range(list::of(class));
+        // The sort is stable: paths that have bounced come first, those from the camera last.
+        let list = &self.order.list[range.clone()];
+        let middle = range.start + list.partition_point(|&i| (i as usize) < self.survivors);
+        let size = if P::LIGHTS != 0 && class.samples_lights() { SHADOW_RAYS } else { usize::MAX };
+        [(range.start..middle, false), (middle..range.end, true)].into_iter().flat_map(
+            move |(part, coherent)| {
+                let end = part.end;
+                part.step_by(size).map(move |start| (start..end.min(start.saturating_add(size)), coherent))
+            },
+        )
+    }
+
+    fn shade<I: Isa>(&mut self, isa: I, class: MaterialClass, piece: Range<usize>) {
+        self.shadows.len = 0;
+        macro_rules! run {
+            ($material:ident, $features:ty) => {
+                isa.run(Shade::<shade::$material, $features> {
+                    scene: self.job.scene,
+                    list: &self.order.list[piece],
+                    paths: &self.paths,
+                    hits: &self.hits,
+                    slots: &mut self.slots,
+                    first_sample: &self.first_sample,
+                    scattered: &mut self.scattered,
+                    shadows: &mut self.shadows,
+                    kernel: PhantomData,
+                })
+            };
+        }
+        match class {
+            MaterialClass::Absorber => {}
+            MaterialClass::Lambert => run!(LambertMaterial, P),
+            MaterialClass::OrenNayar => run!(OrenNayarMaterial, P),
+            MaterialClass::Conductor => run!(ConductorMaterial, P::Specular),
+            MaterialClass::RoughConductor => run!(RoughConductorMaterial, P),
+            MaterialClass::Dielectric => run!(DielectricMaterial, P::Specular),
+            MaterialClass::ThinDielectric => run!(ThinDielectricMaterial, P::Specular),
         }
     }
 
-    fn light_sample<I: Isa>(&mut self, isa: I) {
+    fn light_sample<I: Isa>(&mut self, isa: I, coherent: bool) {
         self.stats.shadow_rays += self.shadows.len as u64;
-        let mut start = 0;
-        for &(end, coherent) in &self.shadow_classes {
-            isa.run(LightSample {
-                accelerator: self.accelerator,
-                traversal: self.accelerator.traversal(coherent),
-                shadows: &self.shadows,
-                range: start..end,
-                slots: &mut self.slots,
-                stack: &mut self.stack,
-            });
-            start = end;
-        }
+        isa.run(LightSample {
+            accelerator: self.accelerator,
+            traversal: self.accelerator.traversal(coherent),
+            shadows: &self.shadows,
+            range: 0..self.shadows.len,
+            slots: &mut self.slots,
+            stack: &mut self.stack,
+        });
     }
 
-    /// Returns how many paths ended in this round; their slots are the first of `order.finished`.
+    /// Returns how many paths ended in this round; their slots are those behind the free ones.
     fn roulette_compact<I: Isa>(&mut self, isa: I, sorted: &Sorted) -> usize {
-        let mut finished = 0;
-        for k in [MaterialClass::Absorber as usize, list::ENDED, list::MISSED] {
-            for &place in &self.order.sorted[sorted.range(k)] {
-                self.order.finished[finished] =
-                    self.paths.slot_depth[place as usize] & ((1 << SLOT_BITS) - 1);
-                finished += 1;
+        // The lists of ended paths are next to the free slots: places become slots where they stand.
+        let mut free = self.free;
+        for k in [list::MISSED, list::ENDED] {
+            for entry in &mut self.order.list[sorted.range(k)] {
+                *entry = self.paths.slot_depth[*entry as usize] & ((1 << SLOT_BITS) - 1);
             }
+            free += sorted.range(k).len();
         }
-        let finished = isa.run(RouletteCompact::<P> {
+        let free = isa.run(RouletteCompact::<P::Sampler> {
             paths: &mut self.scattered,
             slots: &mut self.slots,
+            first_sample: &self.first_sample,
             order: &mut self.order,
-            finished,
-            features: PhantomData,
+            free,
+            sampler: PhantomData,
         });
         self.survivors = self.scattered.len;
         self.stats.bounce_rays += self.survivors as u64;
         std::mem::swap(&mut self.paths, &mut self.scattered);
-        finished
+        free - self.free
     }
 
     /// Adds ended paths to their units, and complete units to the film.
     fn film(&mut self, finished: usize) {
         let weighted = !self.slots.filter_weight.is_empty();
-        for k in 0..finished {
-            let slot = self.order.finished[k] as usize;
-            let place = self.slots.place[slot];
-            let (id, pixel) = (place >> PIXEL_BITS, place & ((1 << PIXEL_BITS) - 1));
-            let open = &mut self.units[id as usize];
+        for k in self.free..self.free + finished {
+            let slot = self.order.list[k] as usize;
+            let (id, pixel) = unit_and_pixel(self.slots.place[slot]);
+            let open = &mut self.units[id];
             let radiance =
                 [self.slots.radiance_r[slot], self.slots.radiance_g[slot], self.slots.radiance_b[slot]];
             let weight = weighted.then(|| self.slots.filter_weight[slot]);
-            open.sums.add(self.job.film.quantum, pixel as usize, radiance, weight);
+            open.sums.add(self.job.film.quantum, pixel, radiance, weight);
             open.ended += 1;
-            self.order.free[self.free + k] = slot as u32;
             if open.ended == open.paths {
                 add_to_film(self.job, &open.unit, &open.sums, &mut self.stats);
-                self.free_units.push(id);
+                self.free_units.push(id as u32);
             }
         }
         self.free += finished;

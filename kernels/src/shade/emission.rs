@@ -1,9 +1,10 @@
 //! Light that a path finds by itself: emitting surfaces.
 
-use super::{Features, add_radiance, list_lanes};
+use super::{LightKinds, add_radiance, list_lanes};
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Real, Uint};
 use crate::light_sample::lights::{LightRow, kind, pdf};
+use crate::material_sort::EMITS;
 use crate::math::{Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, SlotTable};
 use crate::scene::{PrimitiveTag, Scene};
@@ -17,7 +18,7 @@ use core::marker::PhantomData;
 /// # Safety
 /// Every lane of `light` is a light of the scene.
 #[inline(always)]
-pub unsafe fn emitted<F: Real, P: Features>(
+pub unsafe fn emitted<F: Real, L: LightKinds>(
     scene: &Scene,
     light: F::Uint,
     origin: Vec3<F>,
@@ -29,10 +30,10 @@ pub unsafe fn emitted<F: Real, P: Features>(
     // SAFETY: the caller's promise.
     let row = unsafe { LightRow::<F>::new(&scene.lights, light) };
     let radiance = row.emitted(normal, direction);
-    if P::LIGHTS == 0 {
+    if L::KINDS == 0 {
         return radiance;
     }
-    let pdf_light = match P::LIGHTS {
+    let pdf_light = match L::KINDS {
         kind::SPHERE => pdf::<F, { kind::SPHERE }>(&row, origin, direction, t, normal),
         _ => pdf::<F, { kind::ALL }>(&row, origin, direction, t, normal),
     };
@@ -44,62 +45,86 @@ pub unsafe fn emitted<F: Real, P: Features>(
 }
 
 /// The kernel: adds the emitted radiance of the listed paths.
-pub struct Emission<'a, P> {
+pub struct Emission<'a, L> {
     /// Scene.
     pub scene: &'a Scene,
-    /// Places of paths whose primitive emits.
-    pub list: &'a [u32],
+    /// What the paths met, by place.
+    pub keys: &'a [u8],
     /// Paths that arrive.
     pub paths: &'a PathQueue,
     /// Where they arrive.
     pub hits: &'a HitQueue,
     /// Receives the radiance.
     pub slots: &'a mut SlotTable,
-    /// Features.
-    pub features: PhantomData<P>,
+    /// Lights that are sampled, too.
+    pub lights: PhantomData<L>,
 }
 
-impl<P: Features> Kernel for Emission<'_, P> {
+impl<L: LightKinds> Kernel for Emission<'_, L> {
     type Output = ();
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) {
-        emission::<I::Wide, P>(self.scene, self.list, self.paths, self.hits, self.slots);
+        emission::<I::Wide, L>(self.scene, self.keys, self.paths, self.hits, self.slots);
     }
 }
 
+/// Emitting paths that are collected before they are worked on: whole vectors, and a fraction.
+const COLLECTED: usize = 64;
+
 #[inline(always)]
-fn emission<F: Real, P: Features>(
+fn emission<F: Real, L: LightKinds>(
     scene: &Scene,
-    list: &[u32],
+    keys: &[u8],
     paths: &PathQueue,
     hits: &HitQueue,
     slots: &mut SlotTable,
 ) {
-    let mut at = 0;
-    while at < list.len() {
-        let (place, count) = list_lanes::<F>(list, at);
-        // SAFETY (block): listed places are below `paths.len` and hit an emitting primitive, whose tag holds the
-        // number of its light.
-        let (slot, radiance) = unsafe {
-            let real = |column: &[f32]| F::gather(column, place);
-            let slot = F::Uint::gather(&paths.slot_depth, place) & F::Uint::splat((1 << SLOT_BITS) - 1);
-            let primitive = F::Uint::gather(&hits.primitive, place);
-            let origin = Vec3::new(real(&paths.origin_x), real(&paths.origin_y), real(&paths.origin_z));
-            let direction =
-                Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z));
-            let t = real(&hits.t);
-            let surface = Surface::new(&scene.geometry, primitive, origin, direction, t, || {
-                (real(&hits.u), real(&hits.v))
-            });
-            let light =
-                F::Uint::gather(&scene.geometry.tags, primitive) & F::Uint::splat(PrimitiveTag::ID_MASK);
-            let emitted =
-                emitted::<F, P>(scene, light, origin, direction, t, surface.normal, real(&paths.pdf));
-            let throughput =
-                Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
-            (slot, throughput * emitted)
-        };
-        add_radiance::<F>(slots, slot, radiance, count);
-        at += count;
+    let mut list = [0u32; COLLECTED];
+    let (mut held, mut next) = (0, 0);
+    while next < keys.len() {
+        while next < keys.len() && held < COLLECTED {
+            list[held] = next as u32;
+            held += (keys[next] & EMITS != 0) as usize;
+            next += 1;
+        }
+        let mut at = 0;
+        while at < held {
+            let (place, count) = list_lanes::<F>(&list[..held], at);
+            // SAFETY: places in the list are below `paths.len` and hit an emitting primitive.
+            let (slot, radiance) = unsafe { emission_at::<F, L>(scene, place, paths, hits) };
+            add_radiance::<F>(slots, slot, radiance, count);
+            at += count;
+        }
+        held = 0;
+    }
+}
+
+/// Slots of the paths at some places, and the radiance that reaches them from what they met.
+///
+/// # Safety
+/// Every lane of `place` is below `paths.len` and hit an emitting primitive, whose tag holds the number of its light.
+#[inline(always)]
+unsafe fn emission_at<F: Real, L: LightKinds>(
+    scene: &Scene,
+    place: F::Uint,
+    paths: &PathQueue,
+    hits: &HitQueue,
+) -> (F::Uint, Vec3<F>) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let real = |column: &[f32]| F::gather(column, place);
+        let slot = F::Uint::gather(&paths.slot_depth, place) & F::Uint::splat((1 << SLOT_BITS) - 1);
+        let primitive = F::Uint::gather(&hits.primitive, place);
+        let origin = Vec3::new(real(&paths.origin_x), real(&paths.origin_y), real(&paths.origin_z));
+        let direction =
+            Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z));
+        let t = real(&hits.t);
+        let surface =
+            Surface::new(&scene.geometry, primitive, origin, direction, t, || (real(&hits.u), real(&hits.v)));
+        let light = F::Uint::gather(&scene.geometry.tags, primitive) & F::Uint::splat(PrimitiveTag::ID_MASK);
+        let emitted = emitted::<F, L>(scene, light, origin, direction, t, surface.normal, real(&paths.pdf));
+        let throughput =
+            Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
+        (slot, throughput * emitted)
     }
 }

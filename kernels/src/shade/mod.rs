@@ -26,16 +26,34 @@ use bsdf::{Bsdf, MaterialRow};
 use core::marker::PhantomData;
 use surface::Surface;
 
+/// Kinds of lights to sample, as a type: what a kernel that depends on nothing else is compiled for.
+pub trait LightKinds: Copy + Send + Sync + 'static {
+    /// Kinds ([`crate::light_sample::lights::kind`]), or more; 0: none, and no light sampling.
+    const KINDS: u32;
+}
+
+/// The kinds `KINDS`.
+#[derive(Clone, Copy, Debug)]
+pub struct Kinds<const KINDS: u32>;
+
+impl<const KINDS: u32> LightKinds for Kinds<KINDS> {
+    const KINDS: u32 = KINDS;
+}
+
 /// What the plan settled, as constants of the kernels: absent features cost nothing.
+///
+/// Kernels take of it what they can tell apart and no more, so that each is compiled once for all it serves.
 pub trait Features: Copy + Send + Sync + 'static {
     /// Which random numbers.
     type Sampler: Sampler;
-    /// Kinds of lights to sample ([`crate::light_sample::lights::kind`]), or more; 0: none, and no light sampling.
-    const LIGHTS: u32;
-    /// Does light cross the surface of dielectrics, perhaps?
-    const TRANSMISSION: bool;
+    /// Which lights.
+    type Lights: LightKinds;
+    /// Their kinds.
+    const LIGHTS: u32 = <Self::Lights as LightKinds>::KINDS;
     /// Features that include these, the same for many.
     type General: Features;
+    /// What the kernels of specular materials can tell apart: they sample no lights.
+    type Specular: Features;
 }
 
 /// A path at a surface.
@@ -127,11 +145,7 @@ pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
         direction,
         throughput,
         pdf: next.pdf,
-        eta_scale: if P::TRANSMISSION && B::TRANSMITS {
-            vertex.eta_scale * next.eta_scale
-        } else {
-            vertex.eta_scale
-        },
+        eta_scale: if B::TRANSMITS { vertex.eta_scale * next.eta_scale } else { vertex.eta_scale },
     }
 }
 
@@ -234,8 +248,10 @@ pub struct Shade<'a, M, P> {
     pub paths: &'a PathQueue,
     /// Where they arrive.
     pub hits: &'a HitQueue,
-    /// Random streams.
-    pub slots: &'a SlotTable,
+    /// Random streams; the radiance scaling of refraction is kept there.
+    pub slots: &'a mut SlotTable,
+    /// Index of the first sample of each work unit.
+    pub first_sample: &'a [u32],
     /// Paths that leave, appended in the order of `list`.
     pub scattered: &'a mut PathQueue,
     /// Rays towards lights, appended.
@@ -254,6 +270,7 @@ impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
             self.paths,
             self.hits,
             self.slots,
+            self.first_sample,
             self.scattered,
             self.shadows,
         );
@@ -273,17 +290,18 @@ pub(crate) fn list_lanes<F: Real>(list: &[u32], at: usize) -> (F::Uint, usize) {
     (F::Uint::load(&lanes, 0), count)
 }
 
+#[allow(clippy::too_many_arguments)]
 #[inline(always)]
 fn shade<F: Real, B: Bsdf<F>, P: Features>(
     scene: &Scene,
     list: &[u32],
     paths: &PathQueue,
     hits: &HitQueue,
-    slots: &SlotTable,
+    slots: &mut SlotTable,
+    first_sample: &[u32],
     scattered: &mut PathQueue,
     shadows: &mut ShadowQueue,
 ) {
-    let scales = P::TRANSMISSION && !paths.eta_scale.is_empty();
     let mut at = 0;
     while at < list.len() {
         let (place, count) = list_lanes::<F>(list, at);
@@ -314,11 +332,8 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
                     real(&paths.throughput_g),
                     real(&paths.throughput_b),
                 ),
-                eta_scale: if scales { real(&paths.eta_scale) } else { F::one() },
-                stream: Stream {
-                    seed: F::Uint::gather(&slots.seed, slot),
-                    index: F::Uint::gather(&slots.index, slot),
-                },
+                eta_scale: if B::TRANSMITS { F::gather(&slots.eta_scale, slot) } else { F::one() },
+                stream: slots.stream(first_sample, slot),
                 depth: slot_depth.shr::<SLOT_BITS>(),
             };
             (vertex, B::load(MaterialRow::new(&scene.materials, material)), slot)
@@ -341,8 +356,11 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
         out.throughput.y.store(&mut scattered.throughput_g, to);
         out.throughput.z.store(&mut scattered.throughput_b, to);
         out.pdf.store(&mut scattered.pdf, to);
-        if scales {
-            out.eta_scale.store(&mut scattered.eta_scale, to);
+        if B::TRANSMITS {
+            let (slot, eta_scale) = (slot.to_array(), out.eta_scale.to_array());
+            for lane in 0..count {
+                slots.eta_scale[slot[lane] as usize] = eta_scale[lane];
+            }
         }
         let next = (vertex.depth + F::Uint::splat(1)).shl::<SLOT_BITS>() | slot;
         next.store(&mut scattered.slot_depth, to);
