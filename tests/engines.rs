@@ -11,6 +11,7 @@ use wavepath::compare::compare;
 use wavepath::engine::EngineKind;
 use wavepath::engine::stats::Stage;
 use wavepath::scene::{Filter, SamplerKind, SceneDescription};
+use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::isa::Level;
 
 /// Camera and film: 24 x 17 pixels, so that no block of 16 is whole at the border.
@@ -194,6 +195,12 @@ fn threads_and_batches_change_no_bit() {
             for batch in [64, 500, 4096, 100_000] {
                 let rendered = Render { threads, batch, ..base.clone() }.of(&scene);
                 assert_same(&format!("{threads} threads, batch {batch}"), &rendered, &expected);
+            }
+            for policy in
+                [Policy::Single, Policy::Mixed, Policy::Packets, Policy::Sorted, Policy::Interleaved]
+            {
+                let rendered = Render { threads, policy, ..base.clone() }.of(&scene);
+                assert_same(&format!("{policy:?}, {threads} threads"), &rendered, &expected);
             }
             let engine = EngineKind::Megakernel;
             let rendered = Render { threads, engine, ..base.clone() }.of(&scene);

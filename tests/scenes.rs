@@ -12,6 +12,7 @@ use wavepath::film::Film;
 use wavepath::picture::{self, Image};
 use wavepath::plan::Plan;
 use wavepath::scene::{self, SamplerKind, SphericalLights};
+use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::isa::Level;
 
 /// Side of the images and references, in pixels.
@@ -37,6 +38,7 @@ fn render(name: &str, spp: u32) -> Image {
         seed: 1,
         batch: wavefront::DEFAULT_BATCH,
         level: Level::detect(),
+        policy: Policy::Auto,
     };
     let tree = Tree::build(settings.engine, &scene);
     let stop = Stop { spp: Some(spp), time: None, interrupted: Arc::new(AtomicBool::new(false)) };

@@ -50,6 +50,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = parse::batch, allow_hyphen_values = true)]
     pub batch: Option<usize>,
 
+    /// How rays go through the tree, wavefront engine
+    #[arg(long, value_enum, default_value_t = Traversal::Auto)]
+    pub traversal: Traversal,
+
     /// Size of the image in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = parse::resolution)]
     pub resolution: Option<Resolution>,
@@ -127,6 +131,23 @@ pub enum Engine {
     MegakernelWide,
 }
 
+/// How the rays of a batch go through the tree.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Traversal {
+    /// What is fastest, by the class of the rays and the size of the tree
+    Auto,
+    /// One by one
+    Single,
+    /// Rays from the camera and of first shadows in packets, others one by one
+    Mixed,
+    /// As many at a time as a vector has lanes
+    Packets,
+    /// In packets, later rays put in order first
+    Sorted,
+    /// Eight in flight, a node each in turn
+    Interleaved,
+}
+
 /// Random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum SamplerChoice {
@@ -156,7 +177,7 @@ macro_rules! display_as_value {
         }
     )*};
 }
-display_as_value!(Engine, SamplerChoice, SphericalLights);
+display_as_value!(Engine, SamplerChoice, SphericalLights, Traversal);
 
 /// Size of an image in pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -185,7 +206,7 @@ mod tests {
         let args: RenderArgs = parse(
             "a.pbrt -o b.exr --spp 16 --time 1.5m --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
-             --spherical-lights area --report c.json --quiet",
+             --spherical-lights area --traversal mixed --report c.json --quiet",
         )
         .unwrap();
         let expected = RenderArgs {
@@ -201,6 +222,7 @@ mod tests {
             resolution: Some(Resolution { width: 640, height: 480 }),
             exposure: -1.5,
             spherical_lights: SphericalLights::Area,
+            traversal: Traversal::Mixed,
             report: Some("c.json".into()),
             quiet: true,
         };

@@ -4,9 +4,10 @@ use std::path::Path;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::isa::Level;
 
-use super::args::{Engine, RenderArgs, SamplerChoice, SphericalLights};
+use super::args::{Engine, RenderArgs, SamplerChoice, SphericalLights, Traversal};
 use super::{Failure, output};
 use crate::engine::schedule::Stop;
 use crate::engine::stats::{Stage, Stats};
@@ -132,6 +133,14 @@ fn settings(args: &RenderArgs, description: &SceneDescription) -> Settings {
         seed: args.seed.unwrap_or(description.sampler.seed),
         batch: args.batch.unwrap_or(wavefront::DEFAULT_BATCH),
         level: Level::detect(),
+        policy: match args.traversal {
+            Traversal::Auto => Policy::Auto,
+            Traversal::Single => Policy::Single,
+            Traversal::Mixed => Policy::Mixed,
+            Traversal::Packets => Policy::Packets,
+            Traversal::Sorted => Policy::Sorted,
+            Traversal::Interleaved => Policy::Interleaved,
+        },
     }
 }
 

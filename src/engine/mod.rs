@@ -18,7 +18,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use wavepath_kernels::intersect::bvh2::NaiveBvh;
 use wavepath_kernels::intersect::bvh8::Bvh8;
-use wavepath_kernels::intersect::{Accelerator, Closest, Hit, Occluded, TraversalStack};
+use wavepath_kernels::intersect::{Accelerator, Closest, Hit, Occluded, Policy, TraversalStack};
 use wavepath_kernels::isa::{Isa, Level};
 use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol};
@@ -51,6 +51,8 @@ pub struct Settings {
     pub batch: usize,
     /// Instruction set.
     pub level: Level,
+    /// How rays go through the tree, wavefront engine.
+    pub policy: Policy,
 }
 
 /// The tree that an engine traces rays through, built once a scene.
@@ -102,6 +104,12 @@ impl Accelerator for Tree<'_> {
             Tree::Naive(tree) => isa.run(Occluded { accelerator: tree, origin, direction, distance, stack }),
         }
     }
+    fn bounds(&self) -> [[f32; 3]; 2] {
+        match self {
+            Tree::Bvh8(tree) => tree.bounds(),
+            Tree::Naive(tree) => tree.bounds(),
+        }
+    }
     fn stack(&self) -> TraversalStack {
         match self {
             Tree::Bvh8(tree) => tree.stack(),
@@ -137,6 +145,8 @@ pub struct Job<'a> {
     pub schedule: &'a Schedule,
     /// Seed of the random numbers.
     pub seed: u64,
+    /// How rays go through the tree, wavefront engine.
+    pub policy: Policy,
     /// What is done so far.
     pub done: &'a Done,
 }
@@ -188,7 +198,15 @@ pub fn render(
     let started = Instant::now();
     let schedule = Schedule::new(film, settings.threads, stop);
     let done = Done::default();
-    let job = Job { scene, plan, film, schedule: &schedule, seed: settings.seed, done: &done };
+    let job = Job {
+        scene,
+        plan,
+        film,
+        schedule: &schedule,
+        seed: settings.seed,
+        policy: settings.policy,
+        done: &done,
+    };
     let stats = watched(&done, watch, || execute(&pool, &job, tree, settings));
     Ok((stats, started.elapsed()))
 }

@@ -8,7 +8,8 @@ use crate::film::BlockSums;
 use std::marker::PhantomData;
 use std::ops::Range;
 use wavepath_kernels::generate::{Batch, Generate};
-use wavepath_kernels::intersect::{Accelerator, Intersect, TraversalStack};
+use wavepath_kernels::intersect::ray_sort::RaySorter;
+use wavepath_kernels::intersect::{Accelerator, Intersect, Policy, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::material_sort::{MaterialSort, Sorted, list};
@@ -103,6 +104,10 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             // Slots are taken from the end: the first ones first.
             *slot = (batch.saturating_sub(k + 1)) as u32;
         }
+        let mut stack = accelerator.stack();
+        if job.policy == Policy::Sorted {
+            stack.sorter = RaySorter::new(batch.max(SHADOW_RAYS), accelerator.bounds());
+        }
         Pool {
             job,
             accelerator,
@@ -118,7 +123,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             first_sample: vec![0; unit_count],
             free_units: (0..unit_count as u32).collect(),
             current: None,
-            stack: accelerator.stack(),
+            stack,
             stats: Stats::default(),
             features: PhantomData,
         }
@@ -208,7 +213,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         for (range, coherent) in [(0..self.survivors, false), (self.survivors..self.paths.len, true)] {
             isa.run(Intersect {
                 accelerator: self.accelerator,
-                traversal: self.accelerator.traversal(coherent),
+                traversal: self.job.policy.pick(self.accelerator, coherent),
                 paths: &self.paths,
                 range,
                 hits: &mut self.hits,
@@ -305,7 +310,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         self.stats.shadow_rays += self.shadows.len as u64;
         isa.run(LightSample {
             accelerator: self.accelerator,
-            traversal: self.accelerator.traversal(coherent),
+            traversal: self.job.policy.pick(self.accelerator, coherent),
             shadows: &self.shadows,
             range: 0..self.shadows.len,
             slots: &mut self.slots,

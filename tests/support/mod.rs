@@ -13,6 +13,7 @@ use wavepath::film::{Developed, Film};
 use wavepath::picture::{DataWindow, Image};
 use wavepath::plan::Plan;
 use wavepath::scene::{self, SamplerKind, SceneDescription, SphericalLights};
+use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::isa::Level;
 
 /// Both engines.
@@ -52,6 +53,7 @@ pub struct Render {
     pub seed: u64,
     pub batch: usize,
     pub level: Level,
+    pub policy: Policy,
     pub spp: Option<u32>,
     pub time: Option<Duration>,
     pub spherical: SphericalLights,
@@ -66,6 +68,7 @@ impl Default for Render {
             seed: 1,
             batch: 4096,
             level: Level::detect(),
+            policy: Policy::Auto,
             spp: Some(16),
             time: None,
             spherical: SphericalLights::Cone,
@@ -128,6 +131,7 @@ impl Render {
             seed: self.seed,
             batch: self.batch,
             level: self.level,
+            policy: self.policy,
         };
         let interrupted = Arc::new(AtomicBool::new(false));
         let stop = Stop { spp: self.spp, time: self.time, interrupted: interrupted.clone() };

@@ -178,6 +178,9 @@ impl Accelerator for NaiveBvh<'_> {
     ) -> bool {
         self.walk(origin, direction, distance, true).primitive != MISS
     }
+    fn bounds(&self) -> [[f32; 3]; 2] {
+        self.tree.nodes.first().map_or([[0.0; 3]; 2], |root| [root.aabb().min.into(), root.aabb().max.into()])
+    }
     fn stack(&self) -> TraversalStack {
         TraversalStack::default()
     }

@@ -10,6 +10,7 @@
 pub mod bvh2;
 pub mod bvh8;
 pub mod quadric;
+pub mod ray_sort;
 pub mod sphere;
 pub mod triangle;
 
@@ -18,7 +19,9 @@ use crate::lanes::{Mask, Real, Uint};
 use crate::math::Vec3;
 use crate::queue::{HitQueue, PathQueue, ShadowQueue};
 use crate::scene::{Geometry, MISS};
+use crate::shade::list_lanes;
 use core::ops::Range;
+use ray_sort::RaySorter;
 use triangle::ShearedRay;
 
 /// The closest hit of a ray.
@@ -50,10 +53,14 @@ impl Hit {
 /// Room for a traversal, one a worker.
 #[derive(Clone, Debug, Default)]
 pub struct TraversalStack {
-    /// Nodes to visit, and the distance at which the ray enters them.
-    pub entries: Vec<(u32, f32)>,
+    /// Nodes to visit.
+    pub nodes: Vec<u32>,
+    /// The distance at which the ray enters them.
+    pub distances: Vec<f32>,
     /// Nodes to visit, and the distance at which each ray of a packet enters them.
     pub packets: Vec<(u32, PacketDistances)>,
+    /// For [`Traversal::Sorted`]; empty where no rays are sorted.
+    pub sorter: RaySorter,
 }
 
 /// A distance for each ray of a packet, whole cache lines.
@@ -174,6 +181,8 @@ pub trait Accelerator: Sync {
     fn traversal(&self, _coherent: bool) -> Traversal {
         Traversal::Single
     }
+    /// The box around everything: lowest and highest corner.
+    fn bounds(&self) -> [[f32; 3]; 2];
     /// Room that a traversal needs.
     fn stack(&self) -> TraversalStack;
     /// Bytes on the heap.
@@ -312,9 +321,43 @@ pub enum Traversal {
     Packets,
     /// One after the other.
     Single,
+    /// As packets, of rays that are put in order first.
+    Sorted,
     /// Several at a time, a node each in turn, so that the memory of one is fetched while the others compute: for rays
     /// that go different ways through a tree that is larger than the cache.
     Interleaved,
+}
+
+/// How an engine picks the [`Traversal`] of a batch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Policy {
+    /// What is fastest, by the class of the rays and the size of the tree ([`Accelerator::traversal`]).
+    #[default]
+    Auto,
+    /// All rays one by one.
+    Single,
+    /// Rays from the camera, and of the first shadows, in packets; others one by one.
+    Mixed,
+    /// All rays in packets.
+    Packets,
+    /// All rays in packets, those of later rays in order.
+    Sorted,
+    /// All rays interleaved.
+    Interleaved,
+}
+
+impl Policy {
+    /// The traversal of a batch of rays from the camera, or of a first shadow (`coherent`), or of others.
+    pub fn pick<A: Accelerator>(self, accelerator: &A, coherent: bool) -> Traversal {
+        match self {
+            Policy::Auto => accelerator.traversal(coherent),
+            Policy::Mixed if coherent => Traversal::Packets,
+            Policy::Single | Policy::Mixed => Traversal::Single,
+            Policy::Sorted if !coherent => Traversal::Sorted,
+            Policy::Packets | Policy::Sorted => Traversal::Packets,
+            Policy::Interleaved => Traversal::Interleaved,
+        }
+    }
 }
 
 /// The kernel: closest hits of some paths of a queue.
@@ -339,6 +382,7 @@ impl<A: Accelerator> Kernel for Intersect<'_, A> {
     fn run<I: Isa>(self, isa: I) {
         match self.traversal {
             Traversal::Packets => self.packets(isa),
+            Traversal::Sorted => self.sorted(isa),
             Traversal::Single => self.single(isa),
             Traversal::Interleaved => {
                 self.accelerator.closest_interleaved(isa, self.paths, self.range, self.hits, self.stack);
@@ -369,6 +413,38 @@ impl<A: Accelerator> Intersect<'_, A> {
                 hit.v.store(&mut hits.v, at);
             }
             at += I::Wide::LANES;
+        }
+    }
+
+    #[inline(always)]
+    fn sorted<I: Isa>(self, isa: I) {
+        let (rays, hits) = (self.paths, self.hits);
+        let barycentric = !hits.u.is_empty();
+        let n = self.range.len();
+        self.stack.sorter.sort::<I::Wide>(rays, self.range);
+        let mut at = 0;
+        while at < n {
+            let (place, count) = list_lanes::<I::Wide>(&self.stack.sorter.order[..n], at);
+            let active = <I::Wide as Real>::Mask::first(count);
+            // SAFETY: the list holds places of rays.
+            let column = |c: &[f32]| unsafe { I::Wide::gather(c, place) };
+            let origin = Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
+            let direction =
+                Vec3::new(column(&rays.direction_x), column(&rays.direction_y), column(&rays.direction_z));
+            let hit = self.accelerator.closest_packet(isa, origin, direction, active, self.stack);
+            let (t, primitive) = (hit.t.to_array(), hit.primitive.to_array());
+            let (u, v) = (hit.u.to_array(), hit.v.to_array());
+            let place = place.to_array();
+            for lane in 0..count {
+                let i = place[lane] as usize;
+                hits.t[i] = t[lane];
+                hits.primitive[i] = primitive[lane];
+                if barycentric {
+                    hits.u[i] = u[lane];
+                    hits.v[i] = v[lane];
+                }
+            }
+            at += count;
         }
     }
 

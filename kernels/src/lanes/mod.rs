@@ -116,6 +116,10 @@ pub trait Uint:
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
     /// Bits in reverse order.
     fn reverse_bits(self) -> Self;
+    /// Lane `i` is lane `index[i]`, whose bits above the number of lanes do not count.
+    fn permute(self, index: Self) -> Self;
+    /// Logical shift right, each lane by its own number below 32.
+    fn shr_each(self, by: Self) -> Self;
     /// Lane values in an array; only the first lanes of the type count.
     #[inline(always)]
     fn to_array(self) -> [u32; 16] {
@@ -177,6 +181,11 @@ pub trait Real:
     fn to_uint(self) -> Self::Uint;
     /// Sine and cosine of `2 pi self`, for `self` in [0, 1]; absolute error below 2e-7 in single precision.
     fn sin_cos_turns(self) -> (Self, Self);
+    /// Lane `i` is lane `index[i]`, whose bits above the number of lanes do not count.
+    #[inline(always)]
+    fn permute(self, index: Self::Uint) -> Self {
+        Self::from_bits(self.to_bits().permute(index))
+    }
     /// The bits of the lane as single precision.
     fn to_bits(self) -> Self::Uint;
     /// The inverse of [`Real::to_bits`].

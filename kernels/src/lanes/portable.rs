@@ -126,6 +126,14 @@ impl<const N: usize> Uint for PortableUint<N> {
         PortableUint(from_fn(|i| a.0[i] & mask.0[i] | b.0[i] & !mask.0[i]))
     }
     #[inline(always)]
+    fn permute(self, index: Self) -> Self {
+        PortableUint(from_fn(|i| self.0[index.0[i] as usize & (N - 1)]))
+    }
+    #[inline(always)]
+    fn shr_each(self, by: Self) -> Self {
+        PortableUint(from_fn(|i| self.0[i] >> (by.0[i] & 31)))
+    }
+    #[inline(always)]
     fn reverse_bits(self) -> Self {
         PortableUint(self.0.map(u32::reverse_bits))
     }

@@ -66,6 +66,14 @@ impl Uint for Wrapping<u32> {
         if mask { a } else { b }
     }
     #[inline(always)]
+    fn permute(self, _: Self) -> Self {
+        self
+    }
+    #[inline(always)]
+    fn shr_each(self, by: Self) -> Self {
+        Wrapping(self.0 >> (by.0 & 31))
+    }
+    #[inline(always)]
     fn reverse_bits(self) -> Self {
         Wrapping(self.0.reverse_bits())
     }

@@ -114,6 +114,13 @@ fn integers<F: Real>() {
     check("lt", F::Uint::select(x.lt(y), x, y), u32::min);
     check("eq", F::Uint::select(x.eq(x), x, y), |a, _| a);
     check("xor", x ^ y, |a, b| a ^ b);
+    check("shr_each", x.shr_each(y & F::Uint::splat(31)), |a, b| a >> (b & 31));
+    let permuted = x.permute(y).to_array();
+    let permuted_reals = F::from_bits(x).permute(y).to_bits().to_array();
+    for i in 0..F::LANES {
+        assert_eq!(permuted[i], a[b[i] as usize % F::LANES]);
+        assert_eq!(permuted_reals[i], permuted[i]);
+    }
     let index: [u32; 16] = core::array::from_fn(|i| (15 - i) as u32);
     // SAFETY: all indices are below 16.
     let gathered = unsafe { F::Uint::gather(&a, F::Uint::load(&index, 0)) };

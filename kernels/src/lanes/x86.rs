@@ -42,7 +42,7 @@ macro_rules! lanes {
      $castsi_ps:ident, $castps_si:ident,
      $and_si:ident, $or_si:ident, $xor_si:ident, $add_epi32:ident, $sub_epi32:ident, $mullo_epi32:ident,
      $cmpeq_epi32:ident, $max_epu32:ident, $sllv:ident, $srlv:ident, $mul_epu32:ident, $srli_epi64:ident,
-     $blend_epi32:ident, $odd:literal, $shuffle_epi8:ident, $set1_epi8:ident, $srli_epi16:ident, |$t:ident| $table:expr) => {
+     $blend_epi32:ident, $odd:literal, $shuffle_epi8:ident, $set1_epi8:ident, $srli_epi16:ident, $permute:expr) => {
         #[doc = concat!(stringify!($n), " single-precision lanes.")]
         #[derive(Clone, Copy, Debug)]
         pub struct $F(pub $f);
@@ -116,9 +116,8 @@ macro_rules! lanes {
             fn compress(self, mask: $M, slice: &mut [u32], at: usize) {
                 let to = &mut slice[at..at + $n];
                 unsafe {
-                    let $t = PACK[mask.bits() as usize].as_ptr();
-                    let packed = $table(self.0, $t);
-                    $storeu_si(to.as_mut_ptr().cast(), packed)
+                    let order = $loadu_si(PACK[mask.bits() as usize].as_ptr().cast());
+                    $storeu_si(to.as_mut_ptr().cast(), $permute(self.0, order))
                 }
             }
             #[inline(always)]
@@ -149,6 +148,14 @@ macro_rules! lanes {
             #[inline(always)]
             fn select(mask: $M, a: Self, b: Self) -> Self {
                 unsafe { $U($castps_si($blendv_ps($castsi_ps(b.0), $castsi_ps(a.0), mask.0))) }
+            }
+            #[inline(always)]
+            fn permute(self, index: Self) -> Self {
+                unsafe { $U($permute(self.0, index.0)) }
+            }
+            #[inline(always)]
+            fn shr_each(self, by: Self) -> Self {
+                unsafe { $U($srlv(self.0, by.0)) }
             }
             #[inline(always)]
             fn reverse_bits(self) -> Self {
@@ -338,7 +345,7 @@ lanes!(
     _mm256_shuffle_epi8,
     _mm256_set1_epi8,
     _mm256_srli_epi16,
-    |order| |v, order: *const u32| _mm256_permutevar8x32_epi32(v, _mm256_loadu_si256(order.cast()))
+    _mm256_permutevar8x32_epi32
 );
 lanes!(
     4,
@@ -391,7 +398,5 @@ lanes!(
     _mm_shuffle_epi8,
     _mm_set1_epi8,
     _mm_srli_epi16,
-    |order| |v, order: *const u32| {
-        _mm_castps_si128(_mm_permutevar_ps(_mm_castsi128_ps(v), _mm_loadu_si128(order.cast())))
-    }
+    |v, order| _mm_castps_si128(_mm_permutevar_ps(_mm_castsi128_ps(v), order))
 );

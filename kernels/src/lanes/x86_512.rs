@@ -133,6 +133,14 @@ impl Uint for U32x16 {
         unsafe { U32x16(_mm512_mask_blend_epi32(mask.0, b.0, a.0)) }
     }
     #[inline(always)]
+    fn permute(self, index: Self) -> Self {
+        unsafe { U32x16(_mm512_permutexvar_epi32(index.0, self.0)) }
+    }
+    #[inline(always)]
+    fn shr_each(self, by: Self) -> Self {
+        unsafe { U32x16(_mm512_srlv_epi32(self.0, by.0)) }
+    }
+    #[inline(always)]
     fn reverse_bits(self) -> Self {
         unsafe {
             let repeat = |table: [u8; 16]| _mm512_broadcast_i32x4(_mm_loadu_si128(table.as_ptr().cast()));

@@ -8,9 +8,10 @@ pub use lights::LightTable;
 
 use crate::intersect::{Accelerator, Traversal, TraversalStack};
 use crate::isa::{Isa, Kernel};
-use crate::lanes::{Mask, Real};
+use crate::lanes::{Mask, Real, Uint};
 use crate::math::Vec3;
 use crate::queue::{ShadowQueue, SlotTable};
+use crate::shade::list_lanes;
 use core::ops::Range;
 
 /// The kernel: traces some of the rays. A path has at most one of them, so their order does not matter.
@@ -35,6 +36,7 @@ impl<A: Accelerator> Kernel for LightSample<'_, A> {
     fn run<I: Isa>(self, isa: I) {
         match self.traversal {
             Traversal::Packets => self.packets(isa),
+            Traversal::Sorted => self.sorted(isa),
             Traversal::Single => {
                 let Self { accelerator, shadows, range, slots, stack, .. } = self;
                 for i in range {
@@ -72,6 +74,35 @@ impl<A: Accelerator> LightSample<'_, A> {
             let mut free = (active & !blocked).bits();
             while free != 0 {
                 self.slots.add_shadow(rays, at + free.trailing_zeros() as usize);
+                free &= free - 1;
+            }
+            at += count;
+        }
+    }
+}
+
+impl<A: Accelerator> LightSample<'_, A> {
+    #[inline(always)]
+    fn sorted<I: Isa>(self, isa: I) {
+        let rays = self.shadows;
+        let n = self.range.len();
+        self.stack.sorter.sort::<I::Wide>(rays, self.range);
+        let mut at = 0;
+        while at < n {
+            let (place, count) = list_lanes::<I::Wide>(&self.stack.sorter.order[..n], at);
+            let active = <I::Wide as Real>::Mask::first(count);
+            // SAFETY: the list holds places of rays.
+            let column = |c: &[f32]| unsafe { I::Wide::gather(c, place) };
+            let origin = Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
+            let direction =
+                Vec3::new(column(&rays.direction_x), column(&rays.direction_y), column(&rays.direction_z));
+            let distance = column(&rays.distance);
+            let blocked =
+                self.accelerator.occluded_packet(isa, origin, direction, distance, active, self.stack);
+            let mut free = (active & !blocked).bits();
+            let place = place.to_array();
+            while free != 0 {
+                self.slots.add_shadow(rays, place[free.trailing_zeros() as usize & 15] as usize);
                 free &= free - 1;
             }
             at += count;

@@ -1,7 +1,7 @@
 //! Several rays in flight, a node each in turn: while one waits for the memory of its next node, the others compute.
 //! For rays that go different ways through a tree that is larger than the cache.
 
-use super::single::Walk;
+use super::single::{Waiting, Walk};
 use super::{Bvh8, Child};
 use crate::intersect::{Hit, TraversalStack};
 use crate::isa::Isa;
@@ -25,8 +25,9 @@ impl Bvh8<'_> {
             }
             return;
         }
-        assert!(stack.entries.len() >= IN_FLIGHT * self.stack);
-        let stack = stack.entries.as_mut_ptr();
+        let room = IN_FLIGHT * self.stack;
+        assert!(stack.nodes.len() >= room && stack.distances.len() >= room);
+        let (nodes, distances) = (stack.nodes.as_mut_ptr(), stack.distances.as_mut_ptr());
         let idle = Walk::new(Child(0), [0.0; 3], [0.0, 0.0, 1.0], Hit::none(0.0));
         let mut rays = [(0usize, idle); IN_FLIGHT];
         let mut flying = 0;
@@ -42,7 +43,10 @@ impl Bvh8<'_> {
             }
             let (place, ray) = &mut rays[turn];
             // SAFETY: each ray has `self.stack` entries of its own.
-            let more = unsafe { self.step::<I, ANY>(ray, stack.add(turn * self.stack)) };
+            let more = unsafe {
+                let first = turn * self.stack;
+                self.step::<I, ANY>(ray, Waiting { nodes: nodes.add(first), distances: distances.add(first) })
+            };
             if !more {
                 done(*place, ray.hit);
                 match next() {
@@ -54,11 +58,13 @@ impl Bvh8<'_> {
                         flying -= 1;
                         if turn < flying {
                             rays[turn] = rays[flying];
+                            let (from, to) = (flying * self.stack, turn * self.stack);
                             // SAFETY: both ranges are within the stack and apart.
                             unsafe {
+                                core::ptr::copy_nonoverlapping(nodes.add(from), nodes.add(to), self.stack);
                                 core::ptr::copy_nonoverlapping(
-                                    stack.add(flying * self.stack),
-                                    stack.add(turn * self.stack),
+                                    distances.add(from),
+                                    distances.add(to),
                                     self.stack,
                                 );
                             }

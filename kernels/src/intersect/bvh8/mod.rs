@@ -4,6 +4,7 @@ mod interleaved;
 mod packet;
 mod single;
 
+use super::ray_sort::RaySorter;
 use super::{Accelerator, Hit, PacketDistances, PacketHit, Traversal, TraversalStack, bvh2};
 use crate::isa::Isa;
 use crate::lanes::{Real, Uint};
@@ -47,12 +48,34 @@ impl Child {
     }
 }
 
-/// Eight boxes: `bounds[2 * axis]` holds the lower, `bounds[2 * axis + 1]` the upper sides.
+/// Eight boxes: `bounds[2 * axis]` holds the lower, `bounds[2 * axis + 1]` the upper sides. Four cache lines.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 struct Node {
     bounds: [[f32; WIDTH]; 6],
     child: [u32; WIDTH],
+    /// For each octant of directions (bit `axis` is set if that component is negative), the children from the farthest
+    /// to the nearest: three bits each, the farthest lowest.
+    order: [u32; 8],
+}
+
+impl Node {
+    /// Sets [`Node::order`]: by the corner of each box where rays of the octant enter it, along the diagonal. Absent
+    /// children come first.
+    fn set_order(&mut self) {
+        for octant in 0..8 {
+            let entry = |lane: usize| -> f32 {
+                let side = |axis: usize| {
+                    let (row, sign) = if octant >> axis & 1 == 0 { (0, 1.0) } else { (1, -1.0) };
+                    sign * self.bounds[2 * axis + row][lane]
+                };
+                side(0) + side(1) + side(2)
+            };
+            let mut lanes: [usize; WIDTH] = core::array::from_fn(|lane| lane);
+            lanes.sort_by(|&a, &b| entry(b).total_cmp(&entry(a)));
+            self.order[octant] = lanes.iter().rev().fold(0, |bits, &lane| bits << 3 | lane as u32);
+        }
+    }
 }
 
 /// Four triangles; the last is repeated where there are fewer.
@@ -71,7 +94,7 @@ pub struct Bvh8<'a> {
     blocks: Vec<Block>,
     /// Spheres and quadrics in the order of the leaves.
     round: Vec<u32>,
-    /// Stack entries that a traversal can need.
+    /// Stack entries that a traversal can need, and a vector behind them.
     stack: usize,
 }
 
@@ -101,7 +124,7 @@ impl<'a> Bvh8<'a> {
 
     /// Builds the tree.
     pub fn new(geometry: &'a Geometry) -> Self {
-        let out = Bvh8 { geometry, nodes: Vec::new(), blocks: Vec::new(), round: Vec::new(), stack: 1 };
+        let out = Bvh8 { geometry, nodes: Vec::new(), blocks: Vec::new(), round: Vec::new(), stack: WIDTH };
         if geometry.primitives() == 0 {
             return out;
         }
@@ -234,10 +257,11 @@ impl Collapse<'_, '_> {
             }
             // Absent children are turned inside out: every ray enters them at infinity.
             let (low, high) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]);
-            let mut node = Node { bounds: [low, high, low, high, low, high], child: [EMPTY.0; WIDTH] };
+            let mut node =
+                Node { bounds: [low, high, low, high, low, high], child: [EMPTY.0; WIDTH], order: [0; 8] };
             let children = if root_is_leaf { vec![binary] } else { self.children(binary) };
             root_is_leaf = false;
-            self.out.stack = self.out.stack.max(held + children.len() + 1);
+            self.out.stack = self.out.stack.max(held + children.len() + WIDTH);
             let mut inner = Vec::new();
             for (lane, &child) in children.iter().enumerate() {
                 let bounds = *self.tree.nodes[child].aabb();
@@ -251,6 +275,7 @@ impl Collapse<'_, '_> {
                     inner.push((child, Some((id, lane)), held + children.len()));
                 }
             }
+            node.set_order();
             self.out.nodes.push(node);
             pending.extend(inner.into_iter().rev());
         }
@@ -269,7 +294,7 @@ impl Accelerator for Bvh8<'_> {
         stack: &mut TraversalStack,
     ) -> Hit {
         let none = Hit::none(f32::INFINITY);
-        self.walk::<I, false>(Child(0), origin, direction, none, &mut stack.entries)
+        self.walk::<I, false>(Child(0), origin, direction, none, stack)
     }
     #[inline(always)]
     fn occluded<I: Isa>(
@@ -281,7 +306,7 @@ impl Accelerator for Bvh8<'_> {
         stack: &mut TraversalStack,
     ) -> bool {
         let none = Hit::none(distance);
-        self.walk::<I, true>(Child(0), origin, direction, none, &mut stack.entries).primitive != MISS
+        self.walk::<I, true>(Child(0), origin, direction, none, stack).primitive != MISS
     }
     #[inline(always)]
     fn closest_packet<I: Isa>(
@@ -347,9 +372,17 @@ impl Accelerator for Bvh8<'_> {
     fn traversal(&self, coherent: bool) -> Traversal {
         if coherent || self.bytes() <= Self::SMALL { Traversal::Packets } else { Traversal::Interleaved }
     }
+    fn bounds(&self) -> [[f32; 3]; 2] {
+        let Some(root) = self.nodes.first() else { return [[0.0; 3]; 2] };
+        let low = |row: usize| root.bounds[row].iter().copied().fold(f32::INFINITY, f32::min);
+        let high = |row: usize| root.bounds[row].iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        [[low(0), low(2), low(4)], [high(1), high(3), high(5)]]
+    }
     fn stack(&self) -> TraversalStack {
         TraversalStack {
-            entries: vec![(0, 0.0); IN_FLIGHT * self.stack],
+            nodes: vec![0; IN_FLIGHT * self.stack],
+            distances: vec![0.0; IN_FLIGHT * self.stack],
+            sorter: RaySorter::default(),
             packets: vec![(0, PacketDistances([0.0; 16])); self.stack],
         }
     }

@@ -148,7 +148,7 @@ impl Bvh8<'_> {
         let margin = I::Wide::lit(1.0 + 4.0 * f32::EPSILON as f64);
         // Distance up to which nodes matter to each ray; negative for rays that are done.
         let mut limit = I::Wide::select(active, t_max * margin, behind);
-        assert!(stack.entries.len() >= self.stack && stack.packets.len() >= self.stack);
+        assert!(stack.packets.len() >= self.stack);
         let waiting = stack.packets.as_mut_ptr();
         let mut held = 0usize;
         let mut current = Child(0);
@@ -159,7 +159,7 @@ impl Bvh8<'_> {
             if count == 0 {
                 // Nothing to do here.
             } else if count <= Self::TOGETHER {
-                self.one_by_one::<I, ANY>(&packet, current, alive.bits(), &mut hit, &mut stack.entries);
+                self.one_by_one::<I, ANY>(&packet, current, alive.bits(), &mut hit, stack);
                 let found = !hit.primitive.eq(Int::<I::Wide>::splat(MISS));
                 let open = limit.ge(I::Wide::zero());
                 limit = I::Wide::select(open, hit.t * margin, behind);
@@ -310,7 +310,7 @@ impl Bvh8<'_> {
         start: Child,
         mut lanes: u32,
         hit: &mut PacketHit<I::Wide>,
-        stack: &mut [(u32, f32)],
+        stack: &mut TraversalStack,
     ) {
         let origin = map3!(packet.origin, |x| x.to_array());
         let direction = map3!(packet.direction, |x| x.to_array());

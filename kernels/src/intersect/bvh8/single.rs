@@ -1,12 +1,13 @@
 //! One ray at a time: eight boxes, then four triangles, in one step each.
 
-use super::{BLOCK, Bvh8, Child, Node, WIDTH};
+use super::{BLOCK, Bvh8, Child, WIDTH};
 use crate::intersect::bvh2::{beyond, inverse};
 use crate::intersect::triangle::{self, ShearedRay};
-use crate::intersect::{Hit, test_round};
+use crate::intersect::{Hit, TraversalStack, test_round};
 use crate::isa::Isa;
-use crate::lanes::{Mask, Real, map3};
+use crate::lanes::{Mask, Real, Uint, map3};
 use crate::scene::MISS;
+use core::slice;
 
 /// A ray on its way through the tree.
 #[derive(Clone, Copy)]
@@ -17,6 +18,8 @@ pub(super) struct Walk {
     sheared: ShearedRay,
     /// Which of the two sides of an axis the ray meets first, as a row of [`super::Node::bounds`].
     near: [usize; 3],
+    /// As a place in [`super::Node::order`].
+    octant: usize,
     /// Best hit so far.
     pub hit: Hit,
     /// Where it is.
@@ -30,18 +33,32 @@ impl Walk {
     #[inline(always)]
     pub fn new(start: Child, origin: [f32; 3], direction: [f32; 3], hit: Hit) -> Self {
         let inverse = map3!(direction, |x| inverse(x));
+        let [x, y, z] = map3!(inverse, |x| (x < 0.0) as usize);
         Walk {
             origin,
             direction,
             inverse,
             sheared: ShearedRay::new(origin, direction),
-            near: map3!([0, 1, 2], |axis| 2 * axis + (inverse[axis] < 0.0) as usize),
+            near: [x, 2 + y, 4 + z],
+            octant: x | y << 1 | z << 2,
             hit,
             current: start,
             held: 0,
         }
     }
 }
+
+/// The stack of a ray.
+#[derive(Clone, Copy)]
+pub(super) struct Waiting {
+    /// Nodes to visit.
+    pub nodes: *mut u32,
+    /// The distance at which the ray enters them.
+    pub distances: *mut f32,
+}
+
+/// Places of the children in [`super::Node::order`].
+const SHIFTS: [u32; WIDTH] = [0, 3, 6, 9, 12, 15, 18, 21];
 
 impl Bvh8<'_> {
     /// Walks the tree below `start` and improves `hit`. `ANY`: stops at the first hit.
@@ -52,28 +69,26 @@ impl Bvh8<'_> {
         origin: [f32; 3],
         direction: [f32; 3],
         hit: Hit,
-        stack: &mut [(u32, f32)],
+        stack: &mut TraversalStack,
     ) -> Hit {
         if self.nodes.is_empty() {
             return hit;
         }
-        assert!(stack.len() >= self.stack);
+        assert!(stack.nodes.len() >= self.stack && stack.distances.len() >= self.stack);
         let mut ray = Walk::new(start, origin, direction, hit);
+        let waiting = Waiting { nodes: stack.nodes.as_mut_ptr(), distances: stack.distances.as_mut_ptr() };
         // SAFETY: the stack has room for `self.stack` entries.
-        while unsafe { self.step::<I, ANY>(&mut ray, stack.as_mut_ptr()) } {}
+        while unsafe { self.step::<I, ANY>(&mut ray, waiting) } {}
         ray.hit
     }
 
     /// One node or leaf. Returns whether there is more to do.
     ///
     /// # Safety
-    /// `stack` points to `self.stack` entries, those below `ray.held` written by earlier steps of this ray.
+    /// `waiting` points to `self.stack` entries, those below `ray.held` written by earlier steps of this ray.
     #[inline(always)]
-    pub(super) unsafe fn step<I: Isa, const ANY: bool>(
-        &self,
-        ray: &mut Walk,
-        stack: *mut (u32, f32),
-    ) -> bool {
+    pub(super) unsafe fn step<I: Isa, const ANY: bool>(&self, ray: &mut Walk, waiting: Waiting) -> bool {
+        type Lanes<I> = <<I as Isa>::Eight as Real>::Uint;
         if ray.current.0 & Child::LEAF == 0 {
             // SAFETY: inner children are numbers of nodes, and rows are below 6.
             let (node, near, far) = unsafe {
@@ -91,12 +106,34 @@ impl Bvh8<'_> {
             let [x, y, z] = map3!([0, 1, 2], |k| (I::Eight::load(far[k], 0) - origin[k]) * inverse[k]);
             // Rounding of the far sides must not lose boxes (Ize 2013).
             let leave = x.min(y).min(z) * I::Eight::lit(1.0 + 4.0 * f32::EPSILON as f64);
-            let lanes = enter.le(leave.min(I::Eight::splat(beyond(ray.hit.t)))).bits();
-            if lanes != 0 {
-                let mut at = [0.0f32; WIDTH];
-                enter.store(&mut at, 0);
-                // SAFETY: `self.stack` entries hold all that any way down leaves behind.
-                unsafe { descend(ray, node, &at, lanes, stack) };
+            let lanes = enter.le(leave.min(I::Eight::splat(beyond(ray.hit.t))));
+            // The children that the ray enters, the farthest first, in an order that depends on the octant of the
+            // direction alone; the nearest is visited next, the others go onto the stack at once. Sorting them by
+            // distance instead, with branches that are never predicted well, was as fast for single rays in small
+            // trees, but interleaved rays took 1.02 to 1.06 times as long. Pushing all of them and taking the nearest
+            // back from the stack waits for the store: 1.07 times as long.
+            if lanes.any() {
+                // SAFETY: an octant is below 8, and so is a lane; `self.stack` entries hold all that any way down
+                // leaves behind, and a vector more.
+                unsafe {
+                    let order = *node.order.get_unchecked(ray.octant);
+                    let places = Lanes::<I>::splat(order).shr_each(Lanes::<I>::load(&SHIFTS, 0));
+                    let far = I::Eight::lit(f64::INFINITY);
+                    let enter = I::Eight::select(lanes, enter, far).permute(places);
+                    let child = Lanes::<I>::load(&node.child, 0).permute(places);
+                    let lanes = enter.lt(far).bits();
+                    let nearest = lanes.ilog2();
+                    let others = lanes ^ 1 << nearest;
+                    let mask = <I::Eight as Real>::Mask::from_bits(others);
+                    enter.compress(
+                        mask,
+                        slice::from_raw_parts_mut(waiting.distances.add(ray.held), WIDTH),
+                        0,
+                    );
+                    child.compress(mask, slice::from_raw_parts_mut(waiting.nodes.add(ray.held), WIDTH), 0);
+                    ray.held += others.count_ones() as usize;
+                    ray.current = Child(*node.child.get_unchecked((order >> (3 * nearest)) as usize & 7));
+                }
                 return true;
             }
         } else {
@@ -109,7 +146,7 @@ impl Bvh8<'_> {
         while ray.held > 0 {
             ray.held -= 1;
             // SAFETY: entries below `held` were written.
-            let (node, t) = unsafe { *stack.add(ray.held) };
+            let (node, t) = unsafe { (*waiting.nodes.add(ray.held), *waiting.distances.add(ray.held)) };
             if t <= beyond(ray.hit.t) {
                 ray.current = Child(node);
                 return true;
@@ -154,52 +191,5 @@ impl Bvh8<'_> {
                 return;
             }
         }
-    }
-}
-
-/// Goes on with the nearest of the children in `lanes`; the others wait on the stack, nearest on top.
-///
-/// # Safety
-/// `stack` has room for the children above `ray.held`, and all lanes are below [`WIDTH`].
-#[inline(always)]
-unsafe fn descend(ray: &mut Walk, node: &Node, at: &[f32; WIDTH], mut lanes: u32, stack: *mut (u32, f32)) {
-    // SAFETY: the caller's promise.
-    unsafe {
-        macro_rules! next {
-            () => {{
-                let lane = lanes.trailing_zeros() as usize;
-                lanes &= lanes - 1;
-                (*node.child.get_unchecked(lane), *at.get_unchecked(lane))
-            }};
-        }
-        let first = next!();
-        if lanes == 0 {
-            ray.current = Child(first.0);
-            return;
-        }
-        let second = next!();
-        let (nearer, farther) = if first.1 <= second.1 { (first, second) } else { (second, first) };
-        let base = ray.held;
-        stack.add(base).write(farther);
-        if lanes == 0 {
-            ray.held = base + 1;
-            ray.current = Child(nearer.0);
-            return;
-        }
-        stack.add(base + 1).write(nearer);
-        let mut held = base + 2;
-        // Farthest first, by insertion.
-        while lanes != 0 {
-            let entry = next!();
-            let mut place = held;
-            while place > base && (*stack.add(place - 1)).1 < entry.1 {
-                stack.add(place).write(*stack.add(place - 1));
-                place -= 1;
-            }
-            stack.add(place).write(entry);
-            held += 1;
-        }
-        ray.held = held - 1;
-        ray.current = Child((*stack.add(held - 1)).0);
     }
 }

@@ -1,0 +1,117 @@
+//! The order of rays before they are traced in packets: rays of one octant of directions that start close to each
+//! other become neighbours, so that a packet visits few nodes for nothing.
+//!
+//! The rays stay where they are: a list of places is sorted by counting, and packets are gathered through it.
+//!
+//! It is not what the engine picks by itself. Rays of a pool of some thousand are too few for neighbours to go the same
+//! way: render time relative to unsorted packets 1.01 (glass), 0.93 (caustics), 1.06 (metals) by meshes of some ten
+//! thousand triangles, and 1.2 relative to interleaved rays with two million; sorting shadow rays alone 1.00 to 1.28.
+
+use crate::lanes::{Real, Uint};
+use crate::queue::{PAD, PathQueue, ShadowQueue};
+use core::ops::Range;
+
+/// Bits of a key: octant of the direction, then three bits of each coordinate of the origin, interleaved.
+const KEY_BITS: u32 = 12;
+
+/// Columns of a ray.
+pub trait Rays {
+    /// Origin, then direction: x, y, z each.
+    fn columns(&self) -> [&[f32]; 6];
+}
+
+macro_rules! rays {
+    ($($queue:ident),*) => {$(
+        impl Rays for $queue {
+            #[inline(always)]
+            fn columns(&self) -> [&[f32]; 6] {
+                [
+                    &self.origin_x, &self.origin_y, &self.origin_z,
+                    &self.direction_x, &self.direction_y, &self.direction_z,
+                ]
+            }
+        }
+    )*};
+}
+rays!(PathQueue, ShadowQueue);
+
+/// Sorts the rays of a tree, in memory of its own: allocated once, for those who sort.
+#[derive(Clone, Debug, Default)]
+pub struct RaySorter {
+    /// Places of the rays sorted last, in their order.
+    pub order: Vec<u32>,
+    keys: Vec<u32>,
+    counts: Vec<u32>,
+    /// Lowest corner of the box whose cells make the keys, and cells for each unit of length.
+    low: [f32; 3],
+    scale: [f32; 3],
+}
+
+impl RaySorter {
+    /// For up to `capacity` rays at a time; keys divide the box between two corners into eight cells along each axis.
+    pub fn new(capacity: usize, [low, high]: [[f32; 3]; 2]) -> Self {
+        let scale = |k: usize| {
+            let width = high[k] - low[k];
+            if width > 0.0 && width.is_finite() { 8.0 / width } else { 0.0 }
+        };
+        RaySorter {
+            order: vec![0; capacity],
+            keys: vec![0; capacity + PAD],
+            counts: vec![0; 1 << KEY_BITS],
+            low,
+            scale: [scale(0), scale(1), scale(2)],
+        }
+    }
+
+    /// Three bits of a coordinate, spread to every third bit.
+    #[inline(always)]
+    fn spread<F: Real>(&self, axis: usize, x: F) -> F::Uint {
+        let cell = (x - F::splat(self.low[axis])) * F::splat(self.scale[axis]);
+        // The maximum with a NaN is the other number.
+        let c = cell.max(F::zero()).min(F::lit(7.0)).to_uint();
+        let bit = |k: u32| F::Uint::splat(1 << k);
+        (c & bit(0)) | (c & bit(1)).shl::<2>() | (c & bit(2)).shl::<4>()
+    }
+
+    /// Keys of a vector of rays.
+    #[inline(always)]
+    fn key<F: Real>(&self, [x, y, z]: [F; 3], [dx, dy, dz]: [F; 3]) -> F::Uint {
+        let cell = self.spread(0, x) | self.spread(1, y).shl::<1>() | self.spread(2, z).shl::<2>();
+        let sign = |d: F| d.to_bits().shr::<31>();
+        let octant = sign(dx) | sign(dy).shl::<1>() | sign(dz).shl::<2>();
+        octant.shl::<9>() | cell
+    }
+
+    /// Puts the places `range` of `rays` into [`RaySorter::order`]. Places with equal keys keep their order.
+    #[inline(always)]
+    pub fn sort<F: Real>(&mut self, rays: &impl Rays, range: Range<usize>) {
+        let [ox, oy, oz, dx, dy, dz] = rays.columns();
+        let mut done = 0;
+        while done < range.len() {
+            // Columns are padded, so whole vectors can be read and written.
+            let at = range.start + done;
+            let key = self.key::<F>(
+                [F::load(ox, at), F::load(oy, at), F::load(oz, at)],
+                [F::load(dx, at), F::load(dy, at), F::load(dz, at)],
+            );
+            key.store(&mut self.keys, done);
+            done += F::LANES;
+        }
+        let bucket = |key: u32| key as usize & ((1 << KEY_BITS) - 1);
+        let keys = &self.keys[..range.len()];
+        let counts = &mut self.counts[..];
+        counts.fill(0);
+        for &key in keys {
+            counts[bucket(key)] += 1;
+        }
+        let mut sum = 0;
+        for count in counts.iter_mut() {
+            (*count, sum) = (sum, sum + *count);
+        }
+        for (i, &key) in keys.iter().enumerate() {
+            let to = &mut counts[bucket(key)];
+            self.order[*to as usize] = (range.start + i) as u32;
+            *to += 1;
+        }
+    }
+}
