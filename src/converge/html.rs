@@ -300,7 +300,7 @@ mod tests {
         for part in [
             "17.5 (16.2..18.9) times less relMSE",
             "8.00 s, seed 1, relMSE",
-            "'a folder'",
+            "&#39;a folder&#39;",
             "0123abc",
             "seeds 1, 2, 3, 4, 5",
         ] {

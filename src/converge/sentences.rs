@@ -32,6 +32,12 @@ pub fn sentences(experiment: &Experiment, summary: &Summary) -> Vec<String> {
     if invalid > 0 {
         all.push(format!("{invalid} samples came out invalid and were dropped."));
     }
+    let left_out: usize = summary.variants.iter().map(|variant| variant.points_left_out).sum();
+    if left_out > 0 {
+        all.push(format!(
+            "{left_out} points are too close to the reference's own error to be used; it needs more samples."
+        ));
+    }
     all
 }
 
@@ -69,7 +75,7 @@ fn bias(experiment: &Experiment, summary: &Summary) -> Vec<String> {
     let biased = known.iter().filter(|(_, bias)| bias.excludes(0.0) && bias.value > 0.0);
     let described: Vec<String> = biased
         .map(|(variant, bias)| {
-            format!("{} by {} ({} of the mean)", variant.name, number(bias.value), percent(bias.value))
+            format!("{} by {} ({} of a pixel's value)", variant.name, number(bias.value), percent(bias.value))
         })
         .collect();
     if described.is_empty() {
@@ -91,6 +97,7 @@ fn percent(squared: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::converge::OwnError;
     use crate::converge::synthetic::{self, Law, Normal};
 
     #[test]
@@ -120,15 +127,17 @@ mod tests {
     #[test]
     fn a_bias_and_dropped_samples_are_told() {
         let (mut experiment, ..) = synthetic::full();
-        let pairs = |i: usize, j: usize| if i == j { 1e-2 } else { 1e-4 + 1e-6 * (i + j) as f64 };
+        let pairs = |i: usize, j: usize| if i == j { 1e-2 } else { 6e-4 + 1e-6 * (i + j) as f64 };
         experiment.variants[1].error_products =
             Some((0..5).map(|i| (0..5).map(|j| pairs(i, j)).collect()).collect());
         experiment.variants[1].runs[0].points[5].invalid_samples = 7;
+        experiment.reference.own_error = Some(OwnError { mse: 1e-4, relmse: 5e-4, relmse_trimmed: 1e-4 });
         let text = sentences(&experiment, &Summary::of(&experiment, Measure::Relmse)).join(" ");
         assert!(
-            text.contains("stays above zero for megakernel/sobol by 1.02e-4 (1.01 % of the mean)"),
+            text.contains("stays above zero for megakernel/sobol by 1.04e-4 (1.02 % of a pixel's value)"),
             "{text}"
         );
-        assert!(text.ends_with("7 samples came out invalid and were dropped."), "{text}");
+        assert!(text.contains("7 samples came out invalid and were dropped."), "{text}");
+        assert!(text.ends_with("it needs more samples."), "{text}");
     }
 }

@@ -64,6 +64,8 @@ pub struct VariantSummary {
     pub stages: Vec<(String, f64)>,
     /// Samples dropped, over all seeds.
     pub invalid_samples: u64,
+    /// Points of all seeds that were not used: too close to the reference's own error, or not a positive number.
+    pub points_left_out: usize,
     /// The curve of all seeds: the checkpoints that every seed has and that are above the reference's own error.
     pub band: Vec<BandPoint>,
 }
@@ -157,6 +159,7 @@ impl VariantSummary {
         let last: Vec<&Point> = variant.runs.iter().filter_map(|run| run.points.last()).collect();
         let of_last =
             |figure: &dyn Fn(&Point) -> f64| -> Vec<f64> { last.iter().map(|p| figure(p)).collect() };
+        let points: usize = variant.runs.iter().map(|run| run.points.len()).sum();
         let own = Measure::Relmse.own(&experiment.reference);
         let honesty = |p: &Point| p.estimated_relmse.unwrap_or(f64::NAN) / (p.errors.relmse - own);
         Self {
@@ -171,6 +174,7 @@ impl VariantSummary {
             mean_ratio: [0, 1, 2].map(|channel| mean(&of_last(&|p| p.errors.mean_ratio[channel]))),
             estimated_over_measured: geometric_mean(&of_last(&honesty)),
             stages: stages(&last),
+            points_left_out: points - curved().map(Curve::len).sum::<usize>(),
             invalid_samples: last.iter().map(|point| point.invalid_samples).sum(),
             band: band(variant, measure, measure.own(&experiment.reference), curves),
         }
@@ -335,7 +339,7 @@ mod tests {
         close(pair.equal_error.unwrap().estimate.value, times);
         assert!(!pair.equal_time.unwrap().extrapolated && !pair.equal_error.unwrap().extrapolated);
         assert_eq!(summary.pair(1, 0), Some(pair));
-        assert_eq!(fast.band.len(), 6);
+        assert_eq!((fast.band.len(), fast.points_left_out), (6, 0));
     }
 
     #[test]
@@ -373,6 +377,17 @@ mod tests {
             a.externals[0].equal_time[0].unwrap().estimate.value,
             b.externals[0].equal_time[0].unwrap().estimate.value,
         );
+    }
+
+    #[test]
+    fn what_is_too_close_to_the_reference_is_left_out() {
+        let laws = laws().map(|law| Law { spread: 0.0, ..law });
+        let mut experiment = experiment(&mut Normal::new(3), &laws, 2);
+        // The first variant's last point of each seed is at 0.02 / 32.
+        experiment.reference.own_error = Some(OwnError { mse: 1e-3, relmse: 6e-4, relmse_trimmed: 1e-3 });
+        let summary = relmse(&experiment);
+        assert_eq!((summary.variants[0].points_left_out, summary.variants[0].band.len()), (2, 5));
+        assert_eq!(summary.variants[1].points_left_out, 0);
     }
 
     #[test]

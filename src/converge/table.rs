@@ -1,5 +1,6 @@
 //! The figures of an experiment as a table for the terminal.
 
+use super::curve::Reading;
 use super::figures::{self, known, number, seconds};
 use super::sentences::sentences;
 use super::statistics::Estimate;
@@ -62,11 +63,16 @@ impl Figures {
         let mut rows: Vec<Vec<String>> = pairs.collect();
         for external in &summary.externals {
             for (index, variant) in experiment.variants.iter().enumerate() {
-                rows.push(vec![
-                    format!("{} : {}", variant.name, external.name),
-                    known(external.equal_time[index].as_ref(), times),
-                    known(external.equal_error[index].as_ref(), times),
-                ]);
+                let (time, error) = (external.equal_time[index], external.equal_error[index]);
+                let worse = time.is_some_and(|reading| reading.estimate.value < 1.0);
+                let turned = |r: Reading| Reading { estimate: r.estimate.recip(), ..r };
+                let (first, second, time, error) = if worse {
+                    (&external.name, &variant.name, time.map(turned), error.map(turned))
+                } else {
+                    (&variant.name, &external.name, time, error)
+                };
+                let ratios = [known(time.as_ref(), times), known(error.as_ref(), times)];
+                rows.push([vec![format!("{first} : {second}")], ratios.into()].concat());
             }
         }
         Self { heads: heads.map(String::from).into(), rows }
@@ -117,7 +123,7 @@ impl Figures {
     }
 }
 
-fn times(reading: &super::curve::Reading) -> String {
+fn times(reading: &Reading) -> String {
     format!("{} x", figures::reading(reading))
 }
 

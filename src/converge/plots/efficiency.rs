@@ -37,9 +37,9 @@ pub fn efficiency(experiment: &Experiment, summary: &Summary) -> String {
     let largest =
         rows.iter().filter_map(|row| row.1).map(|e| reach(&e).min(2.0 * e.value)).fold(0.0, f64::max);
     let ticks = linear_ticks(largest);
-    let most = ticks.last().copied().unwrap_or(1.0);
+    let most = if largest > 0.0 { largest } else { 1.0 };
     let place = |value: f64| left + (right - left) * (value / most).min(1.0);
-    for &tick in &ticks {
+    for &tick in ticks.iter().filter(|tick| **tick <= most) {
         svg.line("wp-grid", (place(tick), TOP - 6.0), (place(tick), bottom));
         let text =
             if tick == 0.0 || (1e-3..1e6).contains(&tick) { plain(tick) } else { format!("{tick:.0e}") };

@@ -2,7 +2,7 @@
 
 use super::axis::{LogAxis, Tick};
 use super::setting;
-use super::svg::{Anchor, Svg, shortened, text_width};
+use super::svg::{Anchor, Svg, bold_width, shortened};
 use crate::converge::figures;
 use crate::converge::summary::{BandPoint, Summary};
 use crate::converge::{Experiment, Point};
@@ -69,8 +69,8 @@ pub fn error(experiment: &Experiment, summary: &Summary, against: Against) -> St
         Against::Spp => Vec::new(),
     };
     let drawn = || dots.iter().flatten().chain(&stars).filter(|(x, y)| *x > 0.0 && *y > 0.0);
-    let names = experiment.variants.iter().map(|variant| text_width(&shortened(&variant.name, LONGEST_NAME)));
-    let right = WIDTH - 48.0 - names.fold(text_width("slope −0.98 ± 0.03"), f64::max);
+    let names = experiment.variants.iter().map(|variant| bold_width(&shortened(&variant.name, LONGEST_NAME)));
+    let right = WIDTH - 48.0 - names.fold(bold_width("slope −0.98 ± 0.03"), f64::max);
     let x = LogAxis::around(drawn().map(|point| point.0), (LEFT, right));
     let y = LogAxis::around(drawn().map(|point| point.1), (BOTTOM, TOP));
 
@@ -114,10 +114,17 @@ pub fn error(experiment: &Experiment, summary: &Summary, against: Against) -> St
         Some((index, (x.place(against.of_band(last)), y.place(last.error.value))))
     });
     labels(&mut svg, summary, ends.collect(), right, against);
-    for (external, &(seconds, error)) in summary.externals.iter().zip(&stars) {
-        if x.shows(seconds) && y.shows(error) {
-            star(&mut svg, &external.name, (x.place(seconds), y.place(error)), right);
-        }
+    let lines = summary.variants.iter().map(|variant| {
+        let place = |p: &BandPoint| (x.place(against.of_band(p)), y.place(p.error.value));
+        variant.band.iter().map(place).collect::<Vec<_>>()
+    });
+    let mut taken: Vec<(f64, f64)> = lines.flat_map(|line| along(&line)).collect();
+    let shown = summary.externals.iter().zip(&stars).filter(|(_, star)| x.shows(star.0) && y.shows(star.1));
+    let shown: Vec<(&str, (f64, f64))> =
+        shown.map(|(external, star)| (external.name.as_str(), (x.place(star.0), y.place(star.1)))).collect();
+    taken.extend(shown.iter().map(|(_, place)| *place));
+    for (name, place) in shown {
+        star(&mut svg, name, place, right, &mut taken);
     }
     svg.finish()
 }
@@ -128,39 +135,34 @@ fn axes(svg: &mut Svg, x: &LogAxis, y: &LogAxis, x_label: &str, y_label: &str) {
     for tick in x.ticks() {
         let place = x.place(tick.value());
         svg.line(class(&tick), (place, TOP), (place, BOTTOM));
-        if tick.labelled {
-            tick_label(svg, (place, BOTTOM + 20.0), Anchor::Middle, tick);
-        }
     }
     for tick in y.ticks() {
         let place = y.place(tick.value());
         svg.line(class(&tick), (LEFT, place), (right, place));
-        if tick.labelled {
-            tick_label(svg, (LEFT - 8.0, place + 4.5), Anchor::End, tick);
-        }
     }
+    tick_labels(svg, x, Anchor::Middle, |place| (place, BOTTOM + 20.0));
+    tick_labels(svg, y, Anchor::End, |place| (LEFT - 8.0, place + 4.5));
     svg.line("wp-axis", (LEFT, BOTTOM), (right, BOTTOM));
     svg.text("wp-text wp-bold", ((LEFT + right) / 2.0, BOTTOM + 44.0), Anchor::Middle, x_label);
     svg.text("wp-text wp-bold", (24.0, TOP - 16.0), Anchor::Start, y_label);
 }
 
-/// Plain numbers from 0.01 to 10000, as times and samples mostly are; powers of ten beyond.
-fn tick_label(svg: &mut Svg, place: (f64, f64), anchor: Anchor, tick: Tick) {
-    let class = "wp-soft";
-    match (tick.exponent, tick.digit) {
-        (-2..=4, _) => svg.text(class, place, anchor, &tick.value_text()),
-        (_, 1) => svg.power_of_ten(class, place, anchor, tick.exponent),
-        _ => svg.text(class, place, anchor, &tick.value_text()),
-    }
-}
-
-impl Tick {
-    fn value_text(self) -> String {
-        let Self { digit, exponent, .. } = self;
+/// Plain numbers where all of the axis' labels are short as such; powers of ten else.
+fn tick_labels(svg: &mut Svg, axis: &LogAxis, anchor: Anchor, at: impl Fn(f64) -> (f64, f64)) {
+    let ticks: Vec<Tick> = axis.ticks().into_iter().filter(|tick| tick.labelled).collect();
+    let short = ticks.iter().all(|tick| (-3..=4).contains(&tick.exponent));
+    for tick in ticks {
+        let place = at(axis.place(tick.value()));
+        let Tick { digit, exponent, .. } = tick;
         match exponent {
-            0..=5 => format!("{digit}{}", "0".repeat(exponent as usize)),
-            -2..0 => format!("0.{}{digit}", "0".repeat((-exponent - 1) as usize)),
-            _ => format!("{digit}e{exponent}"),
+            0.. if short => {
+                svg.text("wp-soft", place, anchor, &format!("{digit}{}", "0".repeat(exponent as usize)));
+            }
+            ..0 if short => {
+                let zeros = "0".repeat((-exponent - 1) as usize);
+                svg.text("wp-soft", place, anchor, &format!("0.{zeros}{digit}"));
+            }
+            _ => svg.power_of_ten("wp-soft", place, anchor, digit, exponent),
         }
     }
 }
@@ -234,10 +236,39 @@ fn labels(
     }
 }
 
-fn star(svg: &mut Svg, name: &str, place: (f64, f64), right: f64) {
-    svg.group("wp-other", |svg| svg.star(place));
+/// Points on the straight lines between points, a few pixels apart.
+fn along(line: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    const STEPS: u32 = 32;
+    let between = |(a, b): (&(f64, f64), &(f64, f64))| {
+        let (a, b) = (*a, *b);
+        (0..=STEPS).map(move |step| {
+            let t = f64::from(step) / f64::from(STEPS);
+            (a.0 + t * (b.0 - a.0), a.1 + t * (b.1 - a.1))
+        })
+    };
+    line.iter().zip(line.iter().skip(1)).flat_map(between).collect()
+}
+
+/// A star with its name on the side where it covers least of what is `taken`; its own place is taken after that.
+fn star(svg: &mut Svg, name: &str, (x, y): (f64, f64), right: f64, taken: &mut Vec<(f64, f64)>) {
+    svg.group("wp-other", |svg| svg.star((x, y)));
     let name = shortened(name, LONGEST_NAME);
-    let fits = place.0 + 12.0 + text_width(&name) < right;
-    let (anchor, x) = if fits { (Anchor::Start, place.0 + 12.0) } else { (Anchor::End, place.0 - 12.0) };
-    svg.text("wp-text wp-bold wp-halo", (x, place.1 + 4.5), anchor, &name);
+    let width = bold_width(&name);
+    // Left end and base line of the name: right of the star, left of it, below, above, and the corners.
+    let (near, far) = (x + 12.0, x - 12.0 - width);
+    let sides = [(near, 4.5), (far, 4.5), (near, 20.0), (far, 20.0), (near, -11.0), (far, -11.0)];
+    let middles = [(x - width / 2.0, 25.0), (x - width / 2.0, -14.0)];
+    let covered = |(left, down): (f64, f64)| {
+        let inside = |p: &&(f64, f64)| {
+            (left - 4.0..left + width + 4.0).contains(&p.0)
+                && (y + down - 15.0..y + down + 5.0).contains(&p.1)
+        };
+        let outside = left < LEFT || left + width > right || y + down - 12.0 < TOP || y + down > BOTTOM;
+        taken.iter().filter(inside).count() + if outside { 1000 } else { 0 }
+    };
+    let (left, down) = sides.into_iter().chain(middles).min_by_key(|side| covered(*side)).unwrap_or(sides[0]);
+    let left = left.max(24.0).min(WIDTH - width).max(24.0);
+    svg.text("wp-text wp-bold wp-halo", (left, y + down), Anchor::Start, &name);
+    let letters = (width / 8.0) as u32;
+    taken.extend((0..=letters).map(|letter| (left + 8.0 * f64::from(letter), y + down - 5.0)));
 }

@@ -76,11 +76,19 @@ impl Svg {
         self.raw_text(class, (x, y), anchor, &markup(text));
     }
 
-    /// 10 to the power of `exponent`.
-    pub fn power_of_ten(&mut self, class: &str, (x, y): (f64, f64), anchor: Anchor, exponent: i32) {
+    /// `digit` times 10 to the power of `exponent`.
+    pub fn power_of_ten(
+        &mut self,
+        class: &str,
+        (x, y): (f64, f64),
+        anchor: Anchor,
+        digit: u32,
+        exponent: i32,
+    ) {
+        let factor = if digit == 1 { String::new() } else { format!("{digit}·") };
         let sign = if exponent < 0 { "−" } else { "" };
         let digits = exponent.unsigned_abs();
-        let text = format!("10<tspan dy=\"-5\" font-size=\"10\">{sign}{digits}</tspan>");
+        let text = format!("{factor}10<tspan dy=\"-5\" font-size=\"10\">{sign}{digits}</tspan>");
         self.raw_text(class, (x, y), anchor, &text);
     }
 
@@ -173,9 +181,14 @@ pub fn stage_class(index: usize) -> String {
     format!("wp-t{}", index % STAGES)
 }
 
-/// About how wide a text is, in the font's 13 pixels.
+/// How wide a text is at most, in the font's 13 pixels. Which font a reader has is not known: this is for wide ones.
 pub fn text_width(text: &str) -> f64 {
-    7.3 * text.chars().count() as f64
+    7.8 * text.chars().count() as f64
+}
+
+/// The same for bold letters.
+pub fn bold_width(text: &str) -> f64 {
+    8.7 * text.chars().count() as f64
 }
 
 /// At most `longest` characters of a text.

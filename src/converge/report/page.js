@@ -263,9 +263,16 @@ function selftest(viewer) {
     if (!holds) throw new Error(what);
     checks++;
   };
-  const { state, canvas, handle, images } = viewer, context = canvas.getContext("2d");
-  const bytes = (left = 0, right = canvas.width) =>
-    context.getImageData(left, 0, right - left, canvas.height).data;
+  const { state, canvas, handle, images } = viewer;
+  // A copy that may be read often, so that reading does not change how the viewer draws.
+  const copy = document.createElement("canvas");
+  [copy.width, copy.height] = [canvas.width, canvas.height];
+  const context = copy.getContext("2d", { willReadFrequently: true });
+  const bytes = (left = 0, right = canvas.width) => {
+    context.clearRect(0, 0, copy.width, copy.height);
+    context.drawImage(canvas, 0, 0);
+    return context.getImageData(left, 0, right - left, copy.height).data;
+  };
   const hash = (...part) => bytes(...part).reduce((sum, byte) => Math.imul(sum ^ byte, 16777619), 2166136261);
   const press = (code, name, more) => document.body.dispatchEvent(new KeyboardEvent("keydown", { code, key: name, bubbles: true, ...more }));
   const pointer = (element, type, x, y) => {
