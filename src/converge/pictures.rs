@@ -31,7 +31,7 @@ pub enum PictureError {
         mismatch: SizeMismatch,
     },
     /// The pictures do not all have the same size.
-    #[error("the picture of {name} has {found:?} pixels, that of {first} {expected:?}")]
+    #[error("the picture of {name} has {} x {} pixels, that of {first} {} x {}", found.0, found.1, expected.0, expected.1)]
     Unlike {
         /// Name of the picture.
         name: String,
@@ -261,7 +261,7 @@ mod tests {
         let expected = "cannot compare the picture of a with the reference: \
             the image has 1 x 2 pixels, the reference 2 x 1";
         assert_eq!(message(&[picture("a", &other)]), expected);
-        let expected = "the picture of b has (1, 2) pixels, that of a (2, 1)";
+        let expected = "the picture of b has 1 x 2 pixels, that of a 2 x 1";
         assert_eq!(message(&[picture("a", &reference), picture("b", &other)]), expected);
     }
 }

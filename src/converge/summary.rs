@@ -161,7 +161,9 @@ impl VariantSummary {
             |figure: &dyn Fn(&Point) -> f64| -> Vec<f64> { last.iter().map(|p| figure(p)).collect() };
         let points: usize = variant.runs.iter().map(|run| run.points.len()).sum();
         let own = Measure::Relmse.own(&experiment.reference);
-        let honesty = |p: &Point| p.estimated_relmse.unwrap_or(f64::NAN) / (p.errors.relmse - own);
+        let honesty = |p: &Point| {
+            p.estimated_relmse.unwrap_or(f64::NAN) / less_own(p.errors.relmse, own).unwrap_or(f64::NAN)
+        };
         Self {
             name: variant.name.clone(),
             seeds: variant.runs.len(),
