@@ -8,6 +8,7 @@
 //! | [`engine`] | executes paths: the wavefront, and the naive megakernel |
 //! | [`film`] | sums samples exactly, in any order |
 //! | [`picture`], [`report`], [`compare`] | image files, the record of a render, error measures |
+//! | [`converge`] | error against run time of several variants: figures, plots, a page |
 //! | [`meshes`] | makes meshes by procedure |
 //! | [`cli`] | the command |
 //!
@@ -19,6 +20,7 @@ pub mod cli;
 mod colour_map;
 pub mod compare;
 mod contain_panics;
+pub mod converge;
 pub mod engine;
 pub mod film;
 pub mod interrupt;

@@ -243,6 +243,13 @@ pub fn write(path: &Path, image: &Image, exposure: f32) -> Result<(), ImageError
     encoded.map_err(|EncodeError(reason)| ImageError::Write { path: path.into(), reason })
 }
 
+/// `image` as the bytes of a PNG file, brightened by `exposure` stops; or why not, in words.
+pub(crate) fn png_bytes(image: &Image, exposure: f32) -> Result<Vec<u8>, String> {
+    let mut file = io::Cursor::new(Vec::new());
+    png::encode(image, exposure, &mut file).map_err(|EncodeError(reason)| reason)?;
+    Ok(file.into_inner())
+}
+
 /// Checks that `path` has a known ending and can be written: to be called before rendering.
 ///
 /// # Errors
