@@ -9,6 +9,7 @@
 //! | [`film`] | sums samples exactly, in any order |
 //! | [`picture`], [`report`], [`compare`] | image files, the record of a render, error measures |
 //! | [`converge`] | error against run time of several variants: figures, plots, a page |
+//! | [`bench`] | measures engines against each other |
 //! | [`meshes`] | makes meshes by procedure |
 //! | [`cli`] | the command |
 //!
@@ -16,6 +17,7 @@
 #![deny(missing_docs)]
 
 pub mod atomic_file;
+pub mod bench;
 pub mod cli;
 mod colour_map;
 pub mod compare;

@@ -144,6 +144,25 @@ impl Plan {
         plan
     }
 
+    /// A plan for the scene with everything switched on that can be: what leaving out saves is the difference.
+    pub fn everything(scene: &Scene) -> Plan {
+        let mut plan = Plan::new(scene);
+        // Without a light there is nothing to choose from.
+        let lit = scene.lights.sampled_kinds() != 0;
+        plan.requirements = Requirements {
+            transmission: true,
+            smooth_normals: true,
+            light_sampling: lit,
+            filter_weights: true,
+        };
+        plan.light_kinds = if lit { kind::ALL } else { 0 };
+        plan.shade_kernels =
+            MaterialClass::ALL.into_iter().filter(|&c| c != MaterialClass::Absorber).collect();
+        plan.has_environment = true;
+        (plan.bytes_per_path, plan.shadow_queue_bytes) = bytes_per_path(plan.requirements);
+        plan
+    }
+
     fn list_parts(&self, scene: &Scene, of_class: &[usize], lit: bool) -> Vec<Part> {
         let part = |name: &str, runs: bool, why: String| Part { name: name.to_string(), runs, why };
         let p = self.primitives;

@@ -42,6 +42,9 @@ pub trait Isa: Copy + Send + Sync + 'static {
 pub enum Level {
     /// What every machine of the architecture has (SSE2, NEON).
     Baseline,
+    /// AVX2 and FMA for one ray against many boxes and triangles, but one path at a time in all else: what the width of
+    /// the batch kernels is held against.
+    OneLane,
     /// AVX2 and FMA.
     Avx2,
     /// AVX-512 F, DQ, VL, BW, CD.
@@ -75,7 +78,7 @@ impl Level {
         Level::Baseline
     }
 
-    /// All sets that this machine has.
+    /// All sets that this machine has. [`Level::OneLane`] is not among them: it is for comparisons.
     pub fn available() -> impl Iterator<Item = Level> {
         [Level::Baseline, Level::Avx2, Level::Avx512].into_iter().filter(|l| *l <= Level::detect())
     }
@@ -84,6 +87,8 @@ impl Level {
     pub fn name(self) -> &'static str {
         match self {
             Level::Baseline => Baseline::NAME,
+            #[cfg(target_arch = "x86_64")]
+            Level::OneLane => OneLane::NAME,
             #[cfg(target_arch = "x86_64")]
             Level::Avx2 => Avx2::NAME,
             #[cfg(target_arch = "x86_64")]
@@ -102,6 +107,8 @@ impl Level {
         assert!(self <= Level::detect(), "this machine has no {}", self.name());
         match self {
             Level::Baseline => Baseline.run(kernel),
+            #[cfg(target_arch = "x86_64")]
+            Level::OneLane => OneLane(()).run(kernel),
             #[cfg(target_arch = "x86_64")]
             Level::Avx2 => Avx2(()).run(kernel),
             #[cfg(target_arch = "x86_64")]
@@ -130,7 +137,7 @@ impl Isa for Baseline {
 }
 
 #[cfg(target_arch = "x86_64")]
-pub use x86::{Avx2, Avx512};
+pub use x86::{Avx2, Avx512, OneLane};
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
@@ -152,6 +159,28 @@ mod x86 {
             #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
             #[inline(never)]
             fn compiled<K: Kernel>(isa: Avx2, kernel: K) -> K::Output {
+                kernel.run(isa)
+            }
+            // SAFETY: `self` exists only where the machine has the features.
+            unsafe { compiled(self, kernel) }
+        }
+    }
+
+    /// AVX2 and FMA, one path at a time.
+    #[derive(Clone, Copy, Debug)]
+    pub struct OneLane(pub(super) ());
+
+    impl Isa for OneLane {
+        type Wide = FusedF32;
+        type Eight = F32x8;
+        type Four = F32x4;
+        type One = FusedF32;
+        const NAME: &'static str = "avx2, one lane";
+        #[inline(always)]
+        fn run<K: Kernel>(self, kernel: K) -> K::Output {
+            #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+            #[inline(never)]
+            fn compiled<K: Kernel>(isa: OneLane, kernel: K) -> K::Output {
                 kernel.run(isa)
             }
             // SAFETY: `self` exists only where the machine has the features.

@@ -91,9 +91,22 @@ pub struct PlanArgs {
 /// Arguments of `wavepath bench`.
 #[derive(Debug, Clone, PartialEq, Eq, Args)]
 pub struct BenchArgs {
-    /// Scenes to measure [default: those that ship with wavepath]
+    /// Scenes to measure [default: five that ship with wavepath, in the folder scenes]
     #[arg(value_name = "SCENE.pbrt")]
     pub scenes: Vec<PathBuf>,
+
+    /// Rounds of each comparison
+    #[arg(long, value_name = "N", value_parser = parse::rounds, default_value = "5", allow_hyphen_values = true)]
+    pub rounds: usize,
+
+    /// Time of one measurement
+    #[arg(long, value_name = "TIME", value_parser = parse::duration, default_value = "300ms",
+          allow_hyphen_values = true)]
+    pub each: Duration,
+
+    /// Most worker threads [default: one per processor]
+    #[arg(long, value_name = "N", value_parser = parse::threads, allow_hyphen_values = true)]
+    pub threads: Option<usize>,
 
     /// Print JSON instead of a table
     #[arg(long)]

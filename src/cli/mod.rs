@@ -7,6 +7,7 @@
 //! | 2 | the command line or an input is wrong |
 
 pub mod args;
+mod bench;
 mod compare;
 mod failure;
 pub mod output;
@@ -36,6 +37,8 @@ pub enum Command {
     Plan(args::PlanArgs),
     /// Make a mesh by procedure
     Mesh(crate::meshes::MeshArgs),
+    /// Measure engines against each other, and what each part of them brings
+    Bench(args::BenchArgs),
     /// Compare an image with a reference and print the error measures
     Compare(args::CompareArgs),
 }
@@ -56,6 +59,7 @@ impl Cli {
                     Failure::Work(error.to_string())
                 }
             }),
+            Command::Bench(args) => bench::run(args),
             Command::Compare(args) => compare::run(args),
         }
     }

@@ -69,6 +69,11 @@ pub fn threads(text: &str) -> Result<usize, String> {
     count(text, 1..=4096).map(|threads| threads as usize)
 }
 
+/// Rounds of a benchmark.
+pub fn rounds(text: &str) -> Result<usize, String> {
+    count(text, 1..=1000).map(|rounds| rounds as usize)
+}
+
 /// Paths in the pool of a worker.
 pub fn batch(text: &str) -> Result<usize, String> {
     count(text, 64..=1 << 20).map(|batch| batch as usize)

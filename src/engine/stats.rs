@@ -54,6 +54,37 @@ impl Stage {
     }
 }
 
+/// Classes of rays that an engine treats in different ways.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum RayClass {
+    /// From the camera.
+    Camera,
+    /// From surfaces onwards.
+    Bounce,
+    /// Towards lights, from what the camera sees.
+    FirstShadow,
+    /// Towards lights, from further on.
+    LaterShadow,
+}
+
+impl RayClass {
+    /// How many there are.
+    pub const COUNT: usize = 4;
+    /// All of them.
+    pub const ALL: [RayClass; Self::COUNT] =
+        [RayClass::Camera, RayClass::Bounce, RayClass::FirstShadow, RayClass::LaterShadow];
+    /// Name for tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            RayClass::Camera => "camera",
+            RayClass::Bounce => "bounce",
+            RayClass::FirstShadow => "first shadow",
+            RayClass::LaterShadow => "later shadow",
+        }
+    }
+}
+
 /// Counts and times of one worker, or of all.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
@@ -65,6 +96,10 @@ pub struct Stats {
     pub shadow_rays: u64,
     /// Time in each stage.
     pub stages: [Duration; Stage::COUNT],
+    /// Rays traced, by class, in an engine with stages.
+    pub traced: [u64; RayClass::COUNT],
+    /// Time in which they were traced: parts of that of the stages.
+    pub tracing: [Duration; RayClass::COUNT],
     /// Rays that the progress display knows of.
     published: u64,
 }
@@ -88,6 +123,12 @@ impl Stats {
         for (to, from) in self.stages.iter_mut().zip(&other.stages) {
             *to += *from;
         }
+        for (to, from) in self.traced.iter_mut().zip(&other.traced) {
+            *to += *from;
+        }
+        for (to, from) in self.tracing.iter_mut().zip(&other.tracing) {
+            *to += *from;
+        }
     }
 }
 
@@ -107,5 +148,13 @@ impl Laps {
         let now = Instant::now();
         stats.stages[stage as usize] += now - self.last;
         self.last = now;
+    }
+    /// The same for a stage that traced `rays` of a class.
+    #[inline(always)]
+    pub fn lap_rays(&mut self, stats: &mut Stats, stage: Stage, class: RayClass, rays: usize) {
+        let last = self.last;
+        self.lap(stats, stage);
+        stats.traced[class as usize] += rays as u64;
+        stats.tracing[class as usize] += self.last - last;
     }
 }

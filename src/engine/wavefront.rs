@@ -2,7 +2,7 @@
 //! what ended. No barrier, and no counter shared between workers but the one that gives out work units.
 
 use super::schedule::Unit;
-use super::stats::{Laps, Stage, Stats};
+use super::stats::{Laps, RayClass, Stage, Stats};
 use super::{Job, add_to_film};
 use crate::film::BlockSums;
 use std::marker::PhantomData;
@@ -137,8 +137,13 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             if self.paths.len == 0 {
                 return self.stats;
             }
-            self.intersect(isa);
-            laps.lap(&mut self.stats, Stage::Intersect);
+            // Bounce rays, then the camera rays behind them: each kind in its own way through the tree.
+            let (bounced, all) = (self.survivors, self.paths.len);
+            for (class, range) in [(RayClass::Bounce, 0..bounced), (RayClass::Camera, bounced..all)] {
+                let rays = range.len();
+                self.intersect(isa, range, class == RayClass::Camera);
+                laps.lap_rays(&mut self.stats, Stage::Intersect, class, rays);
+            }
             let sorted = self.material_sort(isa);
             laps.lap(&mut self.stats, Stage::MaterialSort);
             self.light_met(isa, &sorted);
@@ -148,7 +153,8 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
                     laps.lap(&mut self.stats, Stage::Shade);
                     if P::LIGHTS != 0 && self.shadows.len > 0 {
                         self.light_sample(isa, coherent);
-                        laps.lap(&mut self.stats, Stage::LightSample);
+                        let class = if coherent { RayClass::FirstShadow } else { RayClass::LaterShadow };
+                        laps.lap_rays(&mut self.stats, Stage::LightSample, class, self.shadows.len);
                     }
                 }
             }
@@ -208,19 +214,16 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         Some(id)
     }
 
-    /// Bounce rays, then the camera rays behind them: each kind in its own way through the tree.
-    fn intersect<I: Isa>(&mut self, isa: I) {
-        for (range, coherent) in [(0..self.survivors, false), (self.survivors..self.paths.len, true)] {
-            isa.run(Intersect {
-                accelerator: self.accelerator,
-                traversal: self.job.policy.pick(self.accelerator, coherent),
-                paths: &self.paths,
-                range,
-                hits: &mut self.hits,
-                stack: &mut self.stack,
-            });
-        }
-        self.hits.len = self.paths.len;
+    fn intersect<I: Isa>(&mut self, isa: I, range: Range<usize>, coherent: bool) {
+        self.hits.len = range.end;
+        isa.run(Intersect {
+            accelerator: self.accelerator,
+            traversal: self.job.policy.pick(self.accelerator, coherent),
+            paths: &self.paths,
+            range,
+            hits: &mut self.hits,
+            stack: &mut self.stack,
+        });
     }
 
     fn material_sort<I: Isa>(&mut self, isa: I) -> Sorted {
