@@ -94,7 +94,14 @@ fn all_scenes() -> Vec<(&'static str, SceneDescription)> {
         ("lamp alone", format!("{VIEW}{LAMP}")),
     ];
     let mut scenes: Vec<_> = texts.iter().map(|(name, text)| (*name, scene(text))).collect();
-    for name in ["cornell.pbrt", "inside-emitter.pbrt", "wineglass.pbrt", "many-lights.pbrt", "metals.pbrt"] {
+    for name in [
+        "cornell.pbrt",
+        "inside-emitter.pbrt",
+        "wineglass.pbrt",
+        "many-lights.pbrt",
+        "metals.pbrt",
+        "glass-pane.pbrt",
+    ] {
         scenes.push((name, sized(shipped(name), 20, 14)));
     }
     for max_depth in [0, 1, 2] {

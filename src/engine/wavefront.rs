@@ -8,8 +8,7 @@ use crate::film::BlockSums;
 use std::marker::PhantomData;
 use std::ops::Range;
 use wavepath_kernels::generate::{Batch, Generate};
-use wavepath_kernels::intersect::ray_sort::RaySorter;
-use wavepath_kernels::intersect::{Accelerator, Intersect, Policy, TraversalStack};
+use wavepath_kernels::intersect::{Accelerator, Intersect, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::material_sort::{MaterialSort, Sorted, list};
@@ -104,10 +103,6 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             // Slots are taken from the end: the first ones first.
             *slot = (batch.saturating_sub(k + 1)) as u32;
         }
-        let mut stack = accelerator.stack();
-        if job.policy == Policy::Sorted {
-            stack.sorter = RaySorter::new(batch.max(SHADOW_RAYS), accelerator.bounds());
-        }
         Pool {
             job,
             accelerator,
@@ -123,7 +118,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             first_sample: vec![0; unit_count],
             free_units: (0..unit_count as u32).collect(),
             current: None,
-            stack,
+            stack: accelerator.stack(),
             stats: Stats::default(),
             features: PhantomData,
         }
@@ -141,7 +136,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             let (bounced, all) = (self.survivors, self.paths.len);
             for (class, range) in [(RayClass::Bounce, 0..bounced), (RayClass::Camera, bounced..all)] {
                 let rays = range.len();
-                self.intersect(isa, range, class == RayClass::Camera);
+                self.intersect(isa, class, range);
                 laps.lap_rays(&mut self.stats, Stage::Intersect, class, rays);
             }
             let sorted = self.material_sort(isa);
@@ -152,8 +147,8 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
                     self.shade(isa, class, piece);
                     laps.lap(&mut self.stats, Stage::Shade);
                     if P::LIGHTS != 0 && self.shadows.len > 0 {
-                        self.light_sample(isa, coherent);
                         let class = if coherent { RayClass::FirstShadow } else { RayClass::LaterShadow };
+                        self.light_sample(isa, class);
                         laps.lap_rays(&mut self.stats, Stage::LightSample, class, self.shadows.len);
                     }
                 }
@@ -214,15 +209,17 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         Some(id)
     }
 
-    fn intersect<I: Isa>(&mut self, isa: I, range: Range<usize>, coherent: bool) {
+    fn intersect<I: Isa>(&mut self, isa: I, class: RayClass, range: Range<usize>) {
         self.hits.len = range.end;
         isa.run(Intersect {
             accelerator: self.accelerator,
-            traversal: self.job.policy.pick(self.accelerator, coherent),
+            traversal: self.job.policy.pick(self.accelerator, class),
             paths: &self.paths,
             range,
             hits: &mut self.hits,
             stack: &mut self.stack,
+            // Behind the free slots there is room for a number a path.
+            order: &mut self.order.list[self.free..],
         });
     }
 
@@ -309,11 +306,11 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         }
     }
 
-    fn light_sample<I: Isa>(&mut self, isa: I, coherent: bool) {
+    fn light_sample<I: Isa>(&mut self, isa: I, class: RayClass) {
         self.stats.shadow_rays += self.shadows.len as u64;
         isa.run(LightSample {
             accelerator: self.accelerator,
-            traversal: self.job.policy.pick(self.accelerator, coherent),
+            traversal: self.job.policy.pick(self.accelerator, class),
             shadows: &self.shadows,
             range: 0..self.shadows.len,
             slots: &mut self.slots,

@@ -59,7 +59,7 @@ pub struct TraversalStack {
     pub distances: Vec<f32>,
     /// Nodes to visit, and the distance at which each ray of a packet enters them.
     pub packets: Vec<(u32, PacketDistances)>,
-    /// For [`Traversal::Sorted`]; empty where no rays are sorted.
+    /// Puts rays in order.
     pub sorter: RaySorter,
 }
 
@@ -176,9 +176,8 @@ pub trait Accelerator: Sync {
             }
         }
     }
-    /// How a batch of rays goes through this tree: rays from the camera, or of a first shadow from what they see
-    /// (`coherent`), or others.
-    fn traversal(&self, _coherent: bool) -> Traversal {
+    /// How a batch of rays of a class goes through this tree.
+    fn traversal(&self, _class: RayClass) -> Traversal {
         Traversal::Single
     }
     /// The box around everything: lowest and highest corner.
@@ -314,6 +313,41 @@ pub fn bounds(geometry: &Geometry, primitive: u32) -> ([f32; 3], [f32; 3]) {
     (low, high)
 }
 
+/// Classes of rays that an engine treats in different ways.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum RayClass {
+    /// From the camera.
+    Camera,
+    /// From surfaces onwards.
+    Bounce,
+    /// Towards lights, from what the camera sees.
+    FirstShadow,
+    /// Towards lights, from further on.
+    LaterShadow,
+}
+
+impl RayClass {
+    /// How many there are.
+    pub const COUNT: usize = 4;
+    /// All of them.
+    pub const ALL: [RayClass; Self::COUNT] =
+        [RayClass::Camera, RayClass::Bounce, RayClass::FirstShadow, RayClass::LaterShadow];
+    /// Do rays of this class stay together? They start where the camera, or what it sees, is.
+    pub fn is_coherent(self) -> bool {
+        matches!(self, RayClass::Camera | RayClass::FirstShadow)
+    }
+    /// Name for tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            RayClass::Camera => "camera",
+            RayClass::Bounce => "bounce",
+            RayClass::FirstShadow => "first shadow",
+            RayClass::LaterShadow => "later shadow",
+        }
+    }
+}
+
 /// How the rays of a batch go through a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Traversal {
@@ -347,13 +381,13 @@ pub enum Policy {
 }
 
 impl Policy {
-    /// The traversal of a batch of rays from the camera, or of a first shadow (`coherent`), or of others.
-    pub fn pick<A: Accelerator>(self, accelerator: &A, coherent: bool) -> Traversal {
+    /// The traversal of a batch of rays of a class.
+    pub fn pick<A: Accelerator>(self, accelerator: &A, class: RayClass) -> Traversal {
         match self {
-            Policy::Auto => accelerator.traversal(coherent),
-            Policy::Mixed if coherent => Traversal::Packets,
+            Policy::Auto => accelerator.traversal(class),
+            Policy::Mixed if class.is_coherent() => Traversal::Packets,
             Policy::Single | Policy::Mixed => Traversal::Single,
-            Policy::Sorted if !coherent => Traversal::Sorted,
+            Policy::Sorted if !class.is_coherent() => Traversal::Sorted,
             Policy::Packets | Policy::Sorted => Traversal::Packets,
             Policy::Interleaved => Traversal::Interleaved,
         }
@@ -374,6 +408,8 @@ pub struct Intersect<'a, A> {
     pub hits: &'a mut HitQueue,
     /// Scratch of the traversal.
     pub stack: &'a mut TraversalStack,
+    /// Scratch for a number a ray.
+    pub order: &'a mut [u32],
 }
 
 impl<A: Accelerator> Kernel for Intersect<'_, A> {
@@ -421,10 +457,11 @@ impl<A: Accelerator> Intersect<'_, A> {
         let (rays, hits) = (self.paths, self.hits);
         let barycentric = !hits.u.is_empty();
         let n = self.range.len();
-        self.stack.sorter.sort::<I::Wide>(rays, self.range);
+        // Hits are not known yet: the column of primitives holds the keys.
+        self.stack.sorter.sort::<I::Wide>(rays, self.range, &mut hits.primitive, self.order);
         let mut at = 0;
         while at < n {
-            let (place, count) = list_lanes::<I::Wide>(&self.stack.sorter.order[..n], at);
+            let (place, count) = list_lanes::<I::Wide>(&self.order[..n], at);
             let active = <I::Wide as Real>::Mask::first(count);
             // SAFETY: the list holds places of rays.
             let column = |c: &[f32]| unsafe { I::Wide::gather(c, place) };

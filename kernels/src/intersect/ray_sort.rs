@@ -3,12 +3,13 @@
 //!
 //! The rays stay where they are: a list of places is sorted by counting, and packets are gathered through it.
 //!
-//! It is not what the engine picks by itself. Rays of a pool of some thousand are too few for neighbours to go the same
-//! way: render time relative to unsorted packets 1.01 (glass), 0.93 (caustics), 1.06 (metals) by meshes of some ten
-//! thousand triangles, and 1.2 relative to interleaved rays with two million; sorting shadow rays alone 1.00 to 1.28.
+//! It pays for bounce rays in small trees ([`super::bvh8`]). In large ones the some thousand rays of a pool are too few
+//! for neighbours to go the same way: with two million triangles a render by sorted packets took 1.7 times as long as by
+//! interleaved rays. Later shadow rays go to few lights and are in order as they come: sorting them took 1.00 to 1.28
+//! times as long.
 
 use crate::lanes::{Real, Uint};
-use crate::queue::{PAD, PathQueue, ShadowQueue};
+use crate::queue::{PathQueue, ShadowQueue};
 use core::ops::Range;
 
 /// Bits of a key: octant of the direction, then three bits of each coordinate of the origin, interleaved.
@@ -35,12 +36,10 @@ macro_rules! rays {
 }
 rays!(PathQueue, ShadowQueue);
 
-/// Sorts the rays of a tree, in memory of its own: allocated once, for those who sort.
+/// Sorts the rays that go through a tree.
 #[derive(Clone, Debug, Default)]
 pub struct RaySorter {
-    /// Places of the rays sorted last, in their order.
-    pub order: Vec<u32>,
-    keys: Vec<u32>,
+    /// How many rays have each key; empty where no rays are sorted.
     counts: Vec<u32>,
     /// Lowest corner of the box whose cells make the keys, and cells for each unit of length.
     low: [f32; 3],
@@ -48,19 +47,13 @@ pub struct RaySorter {
 }
 
 impl RaySorter {
-    /// For up to `capacity` rays at a time; keys divide the box between two corners into eight cells along each axis.
-    pub fn new(capacity: usize, [low, high]: [[f32; 3]; 2]) -> Self {
+    /// Keys divide the box between two corners into eight cells along each axis.
+    pub fn new([low, high]: [[f32; 3]; 2]) -> Self {
         let scale = |k: usize| {
             let width = high[k] - low[k];
             if width > 0.0 && width.is_finite() { 8.0 / width } else { 0.0 }
         };
-        RaySorter {
-            order: vec![0; capacity],
-            keys: vec![0; capacity + PAD],
-            counts: vec![0; 1 << KEY_BITS],
-            low,
-            scale: [scale(0), scale(1), scale(2)],
-        }
+        RaySorter { counts: vec![0; 1 << KEY_BITS], low, scale: [scale(0), scale(1), scale(2)] }
     }
 
     /// Three bits of a coordinate, spread to every third bit.
@@ -82,9 +75,16 @@ impl RaySorter {
         octant.shl::<9>() | cell
     }
 
-    /// Puts the places `range` of `rays` into [`RaySorter::order`]. Places with equal keys keep their order.
+    /// Puts the places `range` of `rays` to the front of `order`; places with equal keys keep their order. `keys` is
+    /// scratch, and as long as a column of the rays.
     #[inline(always)]
-    pub fn sort<F: Real>(&mut self, rays: &impl Rays, range: Range<usize>) {
+    pub fn sort<F: Real>(
+        &mut self,
+        rays: &impl Rays,
+        range: Range<usize>,
+        keys: &mut [u32],
+        order: &mut [u32],
+    ) {
         let [ox, oy, oz, dx, dy, dz] = rays.columns();
         let mut done = 0;
         while done < range.len() {
@@ -94,11 +94,11 @@ impl RaySorter {
                 [F::load(ox, at), F::load(oy, at), F::load(oz, at)],
                 [F::load(dx, at), F::load(dy, at), F::load(dz, at)],
             );
-            key.store(&mut self.keys, done);
+            key.store(keys, done);
             done += F::LANES;
         }
         let bucket = |key: u32| key as usize & ((1 << KEY_BITS) - 1);
-        let keys = &self.keys[..range.len()];
+        let keys = &keys[..range.len()];
         let counts = &mut self.counts[..];
         counts.fill(0);
         for &key in keys {
@@ -108,9 +108,10 @@ impl RaySorter {
         for count in counts.iter_mut() {
             (*count, sum) = (sum, sum + *count);
         }
+        let order = &mut order[..range.len()];
         for (i, &key) in keys.iter().enumerate() {
             let to = &mut counts[bucket(key)];
-            self.order[*to as usize] = (range.start + i) as u32;
+            order[*to as usize] = (range.start + i) as u32;
             *to += 1;
         }
     }

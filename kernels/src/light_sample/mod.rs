@@ -10,7 +10,7 @@ use crate::intersect::{Accelerator, Traversal, TraversalStack};
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Mask, Real, Uint};
 use crate::math::Vec3;
-use crate::queue::{ShadowQueue, SlotTable};
+use crate::queue::{PAD, SHADOW_RAYS, ShadowQueue, SlotTable};
 use crate::shade::list_lanes;
 use core::ops::Range;
 
@@ -86,10 +86,11 @@ impl<A: Accelerator> LightSample<'_, A> {
     fn sorted<I: Isa>(self, isa: I) {
         let rays = self.shadows;
         let n = self.range.len();
-        self.stack.sorter.sort::<I::Wide>(rays, self.range);
+        let (mut keys, mut order) = ([0; SHADOW_RAYS + PAD], [0; SHADOW_RAYS]);
+        self.stack.sorter.sort::<I::Wide>(rays, self.range, &mut keys, &mut order);
         let mut at = 0;
         while at < n {
-            let (place, count) = list_lanes::<I::Wide>(&self.stack.sorter.order[..n], at);
+            let (place, count) = list_lanes::<I::Wide>(&order[..n], at);
             let active = <I::Wide as Real>::Mask::first(count);
             // SAFETY: the list holds places of rays.
             let column = |c: &[f32]| unsafe { I::Wide::gather(c, place) };
