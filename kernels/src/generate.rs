@@ -292,7 +292,9 @@ fn generate<F: Real, S: Sampler>(
         F::one().store(&mut paths.throughput_r, to);
         F::one().store(&mut paths.throughput_g, to);
         F::one().store(&mut paths.throughput_b, to);
-        F::zero().store(&mut paths.pdf, to);
+        if !paths.pdf.is_empty() {
+            F::zero().store(&mut paths.pdf, to);
+        }
         let (seed, weight) = (stream.seed.to_array(), ray.weight.to_array());
         debug_assert_eq!(active.count(), count);
         for lane in 0..count {

@@ -5,7 +5,7 @@
 //! `#[inline(always)]`, so all of it is compiled with the features (measured: as fast as `target-cpu=native`). That
 //! function itself is never inlined: a stage shows under its own name in a profile, and is compiled once.
 
-use crate::lanes::{FusedF32, Portable, Real};
+use crate::lanes::{Portable, Real};
 
 /// Work that can be instantiated for any instruction set.
 pub trait Kernel {
@@ -141,8 +141,8 @@ pub use x86::{Avx2, Avx512, OneLane};
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{FusedF32, Isa, Kernel};
-    use crate::lanes::{F32x4, F32x8, F32x16};
+    use super::{Isa, Kernel};
+    use crate::lanes::{F32x4, F32x8, F32x16, FusedF32};
 
     /// AVX2 and FMA.
     #[derive(Clone, Copy, Debug)]

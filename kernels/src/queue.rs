@@ -128,7 +128,7 @@ queues! {
         throughput_r: f32, Always, "throughput, red";
         throughput_g: f32, Always, "throughput, green";
         throughput_b: f32, Always, "throughput, blue";
-        pdf: f32, Always, "density of the direction over solid angle; 0: specular, or from the camera";
+        pdf: f32, LightSampling, "density of the direction over solid angle; 0: specular, or from the camera";
         slot_depth: u32, Always, "slot (low 20 bits) and number of the next vertex (high 12 bits)";
     }
     /// Closest hits of the paths, by place in the path queue.

@@ -78,6 +78,7 @@ fn roulette_compact<F: Real, S: Sampler>(
     order: &mut OrderLists,
     mut free: usize,
 ) -> usize {
+    let weighed = !paths.pdf.is_empty();
     let scales = !slots.eta_scale.is_empty();
     let n = paths.len;
     let mut to = 0;
@@ -115,7 +116,10 @@ fn roulette_compact<F: Real, S: Sampler>(
                 F::load(&paths.$column, at).compress(lives, &mut paths.$column, to);
             )*};
         }
-        pack!(origin_x, origin_y, origin_z, direction_x, direction_y, direction_z, pdf);
+        pack!(origin_x, origin_y, origin_z, direction_x, direction_y, direction_z);
+        if weighed {
+            pack!(pdf);
+        }
         throughput.x.compress(lives, &mut paths.throughput_r, to);
         throughput.y.compress(lives, &mut paths.throughput_g, to);
         throughput.z.compress(lives, &mut paths.throughput_b, to);

@@ -1,7 +1,7 @@
 //! `wavepath bench`: engines against each other, and what each part of them brings.
 
-use super::Failure;
 use super::args::BenchArgs;
+use super::{Failure, output};
 use crate::bench::{self, Effort, Figures, Subject};
 use crate::machine;
 use crate::meshes::{MeshArgs, MeshError};
@@ -52,11 +52,10 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         figures.scenes.push(bench::measure(&subject, effort, said));
     }
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&figures).expect("numbers and names"));
+        output::say(serde_json::to_string_pretty(&figures).expect("numbers and names"))
     } else {
-        println!("{figures}");
+        output::say(figures)
     }
-    Ok(())
 }
 
 /// The scenes of the project, whose folder must be here; makes their large meshes.

@@ -1,6 +1,6 @@
 //! `wavepath compare`: error measures of an image against a reference.
 
-use std::io::{self, Write};
+use std::io;
 use std::path::Path;
 
 use super::args::CompareArgs;
@@ -28,7 +28,7 @@ pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
     } else {
         comparison.to_string()
     };
-    Ok(writeln!(io::stdout(), "{text}")?)
+    output::say(text)
 }
 
 /// Writes the errors as grey values to an EXR file, as colours to a PNG file.

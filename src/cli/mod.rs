@@ -52,13 +52,11 @@ impl Cli {
         match &self.command {
             Command::Render(args) => render::run(args),
             Command::Plan(args) => plan::run(args),
-            Command::Mesh(args) => crate::meshes::run(args).map_err(|error| {
-                if error.is_usage() {
-                    Failure::Usage(error.to_string())
-                } else {
-                    Failure::Work(error.to_string())
-                }
-            }),
+            Command::Mesh(args) => match crate::meshes::run(args) {
+                Ok(summary) => output::say(summary),
+                Err(error) if error.is_usage() => Err(Failure::Usage(error.to_string())),
+                Err(error) => Err(Failure::Work(error.to_string())),
+            },
             Command::Bench(args) => bench::run(args),
             Command::Compare(args) => compare::run(args),
         }

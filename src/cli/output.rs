@@ -1,11 +1,26 @@
 //! Output files of the subcommands: checked before the work, written after it.
 
+use std::fmt::Display;
+use std::io::{self, Write};
 use std::path::Path;
 
 use super::Failure;
 use crate::atomic_file;
 use crate::picture;
 use crate::report::Report;
+
+/// Prints a line on standard output. A reader that has seen enough (`wavepath plan ... | head`) is no failure.
+///
+/// # Errors
+/// [`Failure::Work`] if it cannot be written for another reason.
+pub fn say(text: impl Display) -> Result<(), Failure> {
+    match writeln!(io::stdout(), "{text}") {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Failure::Work(format!("cannot write to standard output: {error}")))
+        }
+        _ => Ok(()),
+    }
+}
 
 /// Checks that an image can be written to `path`, whose ending must name a format.
 ///

@@ -1,7 +1,7 @@
 //! `wavepath plan`: what a scene needs, and what is left out.
 
 use super::args::PlanArgs;
-use super::{Failure, render};
+use super::{Failure, output, render};
 use crate::plan::Plan;
 use crate::scene::SphericalLights;
 
@@ -9,10 +9,5 @@ use crate::scene::SphericalLights;
 pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
     let (_, scene) = render::load(&args.scene, SphericalLights::Cone, None, args.json)?;
     let plan = Plan::new(&scene);
-    if args.json {
-        println!("{:#}", plan.to_json());
-    } else {
-        println!("{plan}");
-    }
-    Ok(())
+    if args.json { output::say(format_args!("{:#}", plan.to_json())) } else { output::say(plan) }
 }

@@ -98,8 +98,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         if interrupted.load(Ordering::Relaxed) {
             eprintln!("interrupted: wrote what was done");
         }
-        println!("{report}");
-        println!("wrote {}", image_path.display());
+        output::say(&report)?;
+        output::say(format_args!("wrote {}", image_path.display()))?;
     }
     Ok(())
 }

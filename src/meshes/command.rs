@@ -57,8 +57,8 @@ pub fn generate(kind: &MeshKind) -> Result<Mesh, MeshError> {
     }
 }
 
-/// Makes the mesh that the arguments ask for, writes it, and prints its size.
-pub fn run(args: &MeshArgs) -> Result<(), MeshError> {
+/// Makes the mesh that the arguments ask for and writes it. Returns a line with its size.
+pub fn run(args: &MeshArgs) -> Result<String, MeshError> {
     let path = args
         .output
         .as_ref()
@@ -68,8 +68,7 @@ pub fn run(args: &MeshArgs) -> Result<(), MeshError> {
     let mesh = generate(&args.kind)?;
     ply::write(path, &mesh).map_err(failed)?;
     let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
-    println!("{}: {vertices} vertices, {triangles} triangles", path.display());
-    Ok(())
+    Ok(format!("{}: {vertices} vertices, {triangles} triangles", path.display()))
 }
 
 /// Three numbers of one option, each in `[min, max]`.

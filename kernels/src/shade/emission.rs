@@ -122,7 +122,8 @@ unsafe fn emission_at<F: Real, L: LightKinds>(
         let surface =
             Surface::new(&scene.geometry, primitive, origin, direction, t, || (real(&hits.u), real(&hits.v)));
         let light = F::Uint::gather(&scene.geometry.tags, primitive) & F::Uint::splat(PrimitiveTag::ID_MASK);
-        let emitted = emitted::<F, L>(scene, light, origin, direction, t, surface.normal, real(&paths.pdf));
+        let pdf = if L::KINDS != 0 { real(&paths.pdf) } else { F::zero() };
+        let emitted = emitted::<F, L>(scene, light, origin, direction, t, surface.normal, pdf);
         let throughput =
             Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
         (slot, throughput * emitted)

@@ -357,7 +357,9 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
         out.throughput.x.store(&mut scattered.throughput_r, to);
         out.throughput.y.store(&mut scattered.throughput_g, to);
         out.throughput.z.store(&mut scattered.throughput_b, to);
-        out.pdf.store(&mut scattered.pdf, to);
+        if !scattered.pdf.is_empty() {
+            out.pdf.store(&mut scattered.pdf, to);
+        }
         if scales {
             let (slot, eta_scale) = (slot.to_array(), out.eta_scale.to_array());
             for lane in 0..count {

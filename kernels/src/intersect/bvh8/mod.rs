@@ -147,7 +147,8 @@ impl<'a> Bvh8<'a> {
     /// matt figures 0.94, metals (3.5 MiB) 1.01; two spheres in one node 0.97. Of shadow rays: 0.80 to 1.03.
     const TINY: usize = 3 << 20;
 
-    /// Builds the tree.
+    /// Builds the tree. Scenes of up to four primitives walk it as well: testing them all without their boxes took 0.99
+    /// to 1.005 of the time.
     pub fn new(geometry: &'a Geometry) -> Self {
         let out = Parts { geometry, nodes: Vec::new(), blocks: Vec::new(), round: Vec::new(), stack: WIDTH };
         if geometry.primitives() == 0 {
