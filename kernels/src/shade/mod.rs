@@ -302,6 +302,8 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
     scattered: &mut PathQueue,
     shadows: &mut ShadowQueue,
 ) {
+    // A thin pane transmits, too, but scales nothing: a scene without other glass does not have the column.
+    let scales = B::TRANSMITS && !slots.eta_scale.is_empty();
     let mut at = 0;
     while at < list.len() {
         let (place, count) = list_lanes::<F>(list, at);
@@ -332,7 +334,7 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
                     real(&paths.throughput_g),
                     real(&paths.throughput_b),
                 ),
-                eta_scale: if B::TRANSMITS { F::gather(&slots.eta_scale, slot) } else { F::one() },
+                eta_scale: if scales { F::gather(&slots.eta_scale, slot) } else { F::one() },
                 stream: slots.stream(first_sample, slot),
                 depth: slot_depth.shr::<SLOT_BITS>(),
             };
@@ -356,7 +358,7 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
         out.throughput.y.store(&mut scattered.throughput_g, to);
         out.throughput.z.store(&mut scattered.throughput_b, to);
         out.pdf.store(&mut scattered.pdf, to);
-        if B::TRANSMITS {
+        if scales {
             let (slot, eta_scale) = (slot.to_array(), out.eta_scale.to_array());
             for lane in 0..count {
                 slots.eta_scale[slot[lane] as usize] = eta_scale[lane];
