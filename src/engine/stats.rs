@@ -1,6 +1,7 @@
 //! What a worker counts and measures.
 
 use std::time::{Duration, Instant};
+pub use wavepath_kernels::intersect::RayClass;
 
 /// The stages in the order in which they run, as they are named in reports, profiles and benches; and what else takes
 /// time.
@@ -50,37 +51,6 @@ impl Stage {
             Stage::RouletteCompact => "roulette_compact",
             Stage::Film => "film",
             Stage::Megakernel => "megakernel",
-        }
-    }
-}
-
-/// Classes of rays that an engine treats in different ways.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(usize)]
-pub enum RayClass {
-    /// From the camera.
-    Camera,
-    /// From surfaces onwards.
-    Bounce,
-    /// Towards lights, from what the camera sees.
-    FirstShadow,
-    /// Towards lights, from further on.
-    LaterShadow,
-}
-
-impl RayClass {
-    /// How many there are.
-    pub const COUNT: usize = 4;
-    /// All of them.
-    pub const ALL: [RayClass; Self::COUNT] =
-        [RayClass::Camera, RayClass::Bounce, RayClass::FirstShadow, RayClass::LaterShadow];
-    /// Name for tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            RayClass::Camera => "camera",
-            RayClass::Bounce => "bounce",
-            RayClass::FirstShadow => "first shadow",
-            RayClass::LaterShadow => "later shadow",
         }
     }
 }

@@ -26,6 +26,9 @@ use wavepath_kernels::shade::{self, Features, Shade};
 /// Paths of a pool, if the user does not say otherwise: 2 to 8 thousand were best, as they fit a 1 MiB L2.
 pub const DEFAULT_BATCH: usize = 4096;
 
+/// Camera rays that go through the tree together: the widest packet.
+const PACKET: usize = 16;
+
 /// One worker of the engine.
 pub struct Worker<'a, P, A> {
     /// What is rendered.
@@ -141,7 +144,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             let (bounced, all) = (self.survivors, self.paths.len);
             for (class, range) in [(RayClass::Bounce, 0..bounced), (RayClass::Camera, bounced..all)] {
                 let rays = range.len();
-                self.intersect(isa, range, class == RayClass::Camera);
+                self.intersect(isa, range, class);
                 laps.lap_rays(&mut self.stats, Stage::Intersect, class, rays);
             }
             let sorted = self.material_sort(isa);
@@ -152,8 +155,8 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
                     self.shade(isa, class, piece);
                     laps.lap(&mut self.stats, Stage::Shade);
                     if P::LIGHTS != 0 && self.shadows.len > 0 {
-                        self.light_sample(isa, coherent);
                         let class = if coherent { RayClass::FirstShadow } else { RayClass::LaterShadow };
+                        self.light_sample(isa, class);
                         laps.lap_rays(&mut self.stats, Stage::LightSample, class, self.shadows.len);
                     }
                 }
@@ -174,7 +177,13 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         while self.free > 0 {
             let Some(id) = self.current.or_else(|| self.open_unit()) else { break };
             let open = &mut self.units[id as usize];
-            let count = self.free.min(open.paths - open.started);
+            let rest = open.paths - open.started;
+            // A unit that does not fit is cut where a packet ends, so that packets stay squares of pixels.
+            let count = if rest > self.free { self.free / PACKET * PACKET } else { rest };
+            self.current = Some(id);
+            if count == 0 {
+                break;
+            }
             let from = self.free - count;
             isa.run(Generate::<P::Sampler> {
                 camera: &self.job.scene.camera,
@@ -214,11 +223,11 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         Some(id)
     }
 
-    fn intersect<I: Isa>(&mut self, isa: I, range: Range<usize>, coherent: bool) {
+    fn intersect<I: Isa>(&mut self, isa: I, range: Range<usize>, class: RayClass) {
         self.hits.len = range.end;
         isa.run(Intersect {
             accelerator: self.accelerator,
-            traversal: self.job.policy.pick(self.accelerator, coherent),
+            traversal: self.job.policy.pick(self.accelerator, class),
             paths: &self.paths,
             range,
             hits: &mut self.hits,
@@ -309,11 +318,11 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         }
     }
 
-    fn light_sample<I: Isa>(&mut self, isa: I, coherent: bool) {
+    fn light_sample<I: Isa>(&mut self, isa: I, class: RayClass) {
         self.stats.shadow_rays += self.shadows.len as u64;
         isa.run(LightSample {
             accelerator: self.accelerator,
-            traversal: self.job.policy.pick(self.accelerator, coherent),
+            traversal: self.job.policy.pick(self.accelerator, class),
             shadows: &self.shadows,
             range: 0..self.shadows.len,
             slots: &mut self.slots,

@@ -176,9 +176,8 @@ pub trait Accelerator: Sync {
             }
         }
     }
-    /// How a batch of rays goes through this tree: rays from the camera, or of a first shadow from what they see
-    /// (`coherent`), or others.
-    fn traversal(&self, _coherent: bool) -> Traversal {
+    /// How a batch of rays goes through this tree.
+    fn traversal(&self, _rays: RayClass) -> Traversal {
         Traversal::Single
     }
     /// The box around everything: lowest and highest corner.
@@ -328,6 +327,41 @@ pub enum Traversal {
     Interleaved,
 }
 
+/// Classes of rays that an engine treats in different ways.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(usize)]
+pub enum RayClass {
+    /// From the camera.
+    Camera,
+    /// From surfaces onwards.
+    Bounce,
+    /// Towards lights, from what the camera sees.
+    FirstShadow,
+    /// Towards lights, from further on.
+    LaterShadow,
+}
+
+impl RayClass {
+    /// How many there are.
+    pub const COUNT: usize = 4;
+    /// All of them.
+    pub const ALL: [RayClass; Self::COUNT] =
+        [RayClass::Camera, RayClass::Bounce, RayClass::FirstShadow, RayClass::LaterShadow];
+    /// Name for tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            RayClass::Camera => "camera",
+            RayClass::Bounce => "bounce",
+            RayClass::FirstShadow => "first shadow",
+            RayClass::LaterShadow => "later shadow",
+        }
+    }
+    /// Do neighbours in the queue go the same way?
+    pub fn coherent(self) -> bool {
+        matches!(self, RayClass::Camera | RayClass::FirstShadow)
+    }
+}
+
 /// How an engine picks the [`Traversal`] of a batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Policy {
@@ -347,13 +381,13 @@ pub enum Policy {
 }
 
 impl Policy {
-    /// The traversal of a batch of rays from the camera, or of a first shadow (`coherent`), or of others.
-    pub fn pick<A: Accelerator>(self, accelerator: &A, coherent: bool) -> Traversal {
+    /// The traversal of a batch.
+    pub fn pick<A: Accelerator>(self, accelerator: &A, rays: RayClass) -> Traversal {
         match self {
-            Policy::Auto => accelerator.traversal(coherent),
-            Policy::Mixed if coherent => Traversal::Packets,
+            Policy::Auto => accelerator.traversal(rays),
+            Policy::Mixed if rays.coherent() => Traversal::Packets,
             Policy::Single | Policy::Mixed => Traversal::Single,
-            Policy::Sorted if !coherent => Traversal::Sorted,
+            Policy::Sorted if !rays.coherent() => Traversal::Sorted,
             Policy::Packets | Policy::Sorted => Traversal::Packets,
             Policy::Interleaved => Traversal::Interleaved,
         }

@@ -5,7 +5,7 @@ mod packet;
 mod single;
 
 use super::ray_sort::RaySorter;
-use super::{Accelerator, Hit, PacketDistances, PacketHit, Traversal, TraversalStack, bvh2};
+use super::{Accelerator, Hit, PacketDistances, PacketHit, RayClass, Traversal, TraversalStack, bvh2};
 use crate::isa::Isa;
 use crate::lanes::{Real, Uint};
 use crate::math::Vec3;
@@ -114,13 +114,18 @@ struct Collapse<'t, 'a> {
 }
 
 impl<'a> Bvh8<'a> {
-    /// Trees up to this size (bytes) are walked in packets by all rays, even by those that go different ways: nodes are
-    /// near, and a packet loads each of them once.
+    /// Bounce rays go through trees up to this size (bytes) in packets: nodes are few, and a packet loads each of them
+    /// once.
     ///
-    /// Measured time of bounce rays, packets : single : interleaved. Cornell box (40 primitives) 1 : 2.1 : 3.0; glass
-    /// mesh (20 thousand) 1 : 0.98 : 1.3; knots (some MiB) 1 : 1.09 : 0.91; two million triangles (L3 of 32 MiB)
-    /// 1 : 0.75 : 0.57 and 1 : 0.80 : 0.54.
-    const SMALL: usize = 8 << 20;
+    /// Measured time of bounce rays, packets : single : interleaved. Cornell box (16 primitives) 1 : 3.7 : 3.7; panes
+    /// (0.5 MiB) 1 : 1.8 : 2.1; 144 lamps (0.6 MiB) 1 : 1.4 : 1.3; glass (0.8 MiB) 1 : 0.9 : 0.9; still life (1.9 MiB)
+    /// 1 : 1 : 0.8; knot (6 MiB) 1 : 0.6 : 0.36; two million triangles (151 MiB) 1 : 0.8 : 0.2.
+    const PACKETS_BOUNCE: usize = 768 << 10;
+    /// The same for later shadow rays. They stop at the first hit, and go where the lamps are.
+    ///
+    /// Measured as above. Cornell box 1 : 4 : 5; glass 1 : 2 : 2; still life 1 : 1.2 : 1.1; metals (3.2 MiB)
+    /// 1 : 1.4 : 1.4; knot 1 : 1 : 0.6; two million triangles 1 : 1 : 0.3.
+    const PACKETS_SHADOW: usize = 4 << 20;
 
     /// Builds the tree.
     pub fn new(geometry: &'a Geometry) -> Self {
@@ -133,8 +138,36 @@ impl<'a> Bvh8<'a> {
             Collapse { summaries: vec![Summary::default(); tree.nodes.len()], tree: &tree, out };
         collapse.summarise();
         collapse.nodes();
-        collapse.out
+        let mut out = collapse.out;
+        out.nodes = in_large_pages(out.nodes);
+        out.blocks = in_large_pages(out.blocks);
+        out
     }
+}
+
+/// Moves a table to memory that the system may map in pages of 2 MiB, as far as it fills such pages: rays that go
+/// different ways through a large tree otherwise wait for the translation of addresses as much as for the memory.
+fn in_large_pages<T: Copy>(table: Vec<T>) -> Vec<T> {
+    #[cfg(all(target_os = "linux", not(miri)))]
+    {
+        use core::ffi::{c_int, c_void};
+        const PAGE: usize = 2 << 20;
+        const MADV_HUGEPAGE: c_int = 14;
+        unsafe extern "C" {
+            fn madvise(address: *mut c_void, length: usize, advice: c_int) -> c_int;
+        }
+        let mut moved = Vec::<T>::with_capacity(table.len());
+        let start = moved.as_mut_ptr() as usize;
+        let pages = start.next_multiple_of(PAGE)..(start + size_of_val(&table[..])) / PAGE * PAGE;
+        if !pages.is_empty() {
+            // SAFETY: the pages are within the allocation, and the advice changes nothing that can be seen. If it is
+            // not taken, there is nothing to be done.
+            unsafe { madvise(pages.start as *mut c_void, pages.len(), MADV_HUGEPAGE) };
+            moved.extend_from_slice(&table);
+            return moved;
+        }
+    }
+    table
 }
 
 impl Collapse<'_, '_> {
@@ -369,8 +402,13 @@ impl Accelerator for Bvh8<'_> {
             }
         });
     }
-    fn traversal(&self, coherent: bool) -> Traversal {
-        if coherent || self.bytes() <= Self::SMALL { Traversal::Packets } else { Traversal::Interleaved }
+    fn traversal(&self, rays: RayClass) -> Traversal {
+        let packets_up_to = match rays {
+            RayClass::Camera | RayClass::FirstShadow => usize::MAX,
+            RayClass::Bounce => Self::PACKETS_BOUNCE,
+            RayClass::LaterShadow => Self::PACKETS_SHADOW,
+        };
+        if self.bytes() <= packets_up_to { Traversal::Packets } else { Traversal::Interleaved }
     }
     fn bounds(&self) -> [[f32; 3]; 2] {
         let Some(root) = self.nodes.first() else { return [[0.0; 3]; 2] };
