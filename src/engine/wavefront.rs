@@ -1,15 +1,17 @@
 //! The wavefront engine: each worker owns a pool of paths that fits its cache and runs all stages over it, refilling
 //! what ended. No barrier, and no counter shared between workers but the one that gives out work units.
 
+pub mod record;
+
 use super::schedule::Unit;
-use super::stats::{Laps, RayClass, Stage, Stats};
+use super::stats::{Laps, Stage, Stats};
 use super::{Job, add_to_film};
 use crate::film::BlockSums;
 use std::marker::PhantomData;
 use std::ops::Range;
 use wavepath_kernels::generate::{Batch, Generate};
 use wavepath_kernels::intersect::ray_sort::RaySorter;
-use wavepath_kernels::intersect::{Accelerator, Intersect, Policy, TraversalStack};
+use wavepath_kernels::intersect::{Accelerator, Intersect, Policy, RayClass, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::material_sort::{MaterialSort, Sorted, list};
