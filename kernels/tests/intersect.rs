@@ -8,10 +8,14 @@ use statistics::{Random, add, cross, dot, length, narrow, normalize, scale, sub,
 use wavepath_kernels::intersect::bvh2::NaiveBvh;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::triangle::ShearedRay;
-use wavepath_kernels::intersect::{Accelerator, Hit, sphere, test_round, test_triangle, triangle};
+use wavepath_kernels::intersect::{
+    Accelerator, Hit, Intersect, Traversal, sphere, test_round, test_triangle, triangle,
+};
 use wavepath_kernels::isa::{Isa, Kernel, Level};
 use wavepath_kernels::lanes::Real;
+use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::math::Vec3;
+use wavepath_kernels::queue::{HitQueue, PathQueue, Requirements, ShadowQueue, SlotTable};
 use wavepath_kernels::scene::{Geometry, MISS, Quadric, QuadricForm};
 use wavepath_kernels::shade::surface::Surface;
 
@@ -71,8 +75,69 @@ impl<A: Accelerator> Kernel for Occluded<'_, A> {
     }
 }
 
+/// All instruction sets, and the one for comparisons.
+fn levels() -> impl Iterator<Item = Level> {
+    Level::available().chain((Level::detect() >= Level::Avx2).then_some(Level::OneLane))
+}
+
+/// The ways through a tree, for rays in queues.
+const TRAVERSALS: [Traversal; 4] =
+    [Traversal::Packets, Traversal::Single, Traversal::Sorted, Traversal::Interleaved];
+
+fn requirements() -> Requirements {
+    Requirements { smooth_normals: true, light_sampling: true, ..Requirements::default() }
+}
+
+/// Closest hits of rays in a queue.
+fn traced(level: Level, tree: &Bvh8, rays: &[Ray], traversal: Traversal) -> Vec<Hit> {
+    let n = rays.len();
+    let (mut paths, mut hits) = (PathQueue::new(n, requirements()), HitQueue::new(n, requirements()));
+    for (i, (o, d)) in rays.iter().enumerate() {
+        [paths.origin_x[i], paths.origin_y[i], paths.origin_z[i]] = *o;
+        [paths.direction_x[i], paths.direction_y[i], paths.direction_z[i]] = *d;
+    }
+    paths.len = n;
+    let mut stack = tree.stack();
+    let (accelerator, range) = (tree, 0..n);
+    let order = &mut vec![0; n][..];
+    level.run(Intersect {
+        accelerator,
+        traversal,
+        paths: &paths,
+        range,
+        hits: &mut hits,
+        stack: &mut stack,
+        order,
+    });
+    (0..n).map(|i| Hit { t: hits.t[i], primitive: hits.primitive[i], u: hits.u[i], v: hits.v[i] }).collect()
+}
+
+/// Whether rays in a queue meet anything within their distance.
+fn in_the_way(level: Level, tree: &Bvh8, rays: &[(Ray, f32)], traversal: Traversal) -> Vec<bool> {
+    let n = rays.len();
+    let (mut shadows, mut slots) = (ShadowQueue::new(n, requirements()), SlotTable::new(n, requirements()));
+    for (i, ((o, d), distance)) in rays.iter().enumerate() {
+        [shadows.origin_x[i], shadows.origin_y[i], shadows.origin_z[i]] = *o;
+        [shadows.direction_x[i], shadows.direction_y[i], shadows.direction_z[i]] = *d;
+        (shadows.distance[i], shadows.radiance_r[i], shadows.slot[i]) = (*distance, 1.0, i as u32);
+    }
+    shadows.len = n;
+    let mut stack = tree.stack();
+    let (accelerator, range) = (tree, 0..n);
+    level.run(LightSample {
+        accelerator,
+        traversal,
+        shadows: &shadows,
+        range,
+        slots: &mut slots,
+        stack: &mut stack,
+    });
+    slots.radiance_r[..n].iter().map(|&r| r == 0.0).collect()
+}
+
 /// Both trees on all instruction sets find what brute force finds: primitive, bits of t, u, v; and say rightly whether
-/// anything is nearer than some distance. Returns the hits.
+/// anything is nearer than some distance. So do rays in queues, whatever way they go through the wide tree. Returns the
+/// hits.
 fn assert_trees_agree(what: &str, g: &Geometry, rays: &[Ray]) -> Vec<Hit> {
     let (naive, wide) = (NaiveBvh::new(g), Bvh8::new(g));
     let want: Vec<Hit> = rays.iter().map(|&r| brute_force(g, r, f32::INFINITY)).collect();
@@ -95,11 +160,15 @@ fn assert_trees_agree(what: &str, g: &Geometry, rays: &[Ray]) -> Vec<Hit> {
             t => brute_force(g, ray, t).primitive != MISS,
         })
         .collect();
-    for level in Level::available() {
-        for (name, got, any) in [
-            (NaiveBvh::NAME, level.run(Closest(&naive, rays)), level.run(Occluded(&naive, &shadows))),
-            (Bvh8::NAME, level.run(Closest(&wide, rays)), level.run(Occluded(&wide, &shadows))),
-        ] {
+    for level in levels() {
+        let mut results = vec![
+            (NaiveBvh::NAME.into(), level.run(Closest(&naive, rays)), level.run(Occluded(&naive, &shadows))),
+            (Bvh8::NAME.into(), level.run(Closest(&wide, rays)), level.run(Occluded(&wide, &shadows))),
+        ];
+        results.extend(TRAVERSALS.map(|way| {
+            (format!("{way:?}"), traced(level, &wide, rays, way), in_the_way(level, &wide, &shadows, way))
+        }));
+        for (name, got, any) in results {
             let what = format!("{what}, {name}, {}", level.name());
             for ((ray, got), want) in rays.iter().zip(&got).zip(&want) {
                 assert_eq!(got, want, "{what}: {ray:?}");
@@ -796,6 +865,74 @@ fn mixed_primitives() {
     let count = |low: u32, high: u32| hits.iter().filter(|h| (low..high).contains(&h.primitive)).count();
     assert!(count(0, 800) > 100 && count(1_600, 2_000) > 100 && count(2_400, 2_600) > 30);
     assert_eq!(count(800, 1_600) + count(2_000, 2_400), 0, "duplicates with higher numbers");
+}
+
+/// Rays that stay together, as packets have them: from one place, from places close to each other, or towards one.
+/// Every octant, and directions along axes and planes, where the signs of tiny components differ.
+#[test]
+fn rays_that_stay_together() {
+    let mut random = Random::new(15);
+    let mut triangles: Vec<_> = ball(4).iter().map(|face| face.map(|c| narrow(scale(c, 3.0)))).collect();
+    triangles.extend((0..1_000).map(|_| random_triangle(&mut random, 10.0, 0.5)));
+    let spheres = [[4.0, 1.0, -2.0, 1.5], [-3.0, -4.0, 2.0, 1.0]];
+    let g = geometry(&triangles, &spheres, &[]);
+    let mut rays = Vec::new();
+    for bundle in 0..200 {
+        let (start, end) = (random.point(8.0), random.point(4.0));
+        let mut middle = normalize(sub(end, start));
+        if bundle % 4 == 0 {
+            middle[random.below(3)] = 0.0;
+        }
+        if bundle % 8 == 0 {
+            middle = [0.0, 0.0, 1.0];
+            middle.rotate_left(random.below(3));
+        }
+        let width = random.magnitude(1e-5, 0.3);
+        // Not a whole number of packets: they begin anywhere.
+        for _ in 0..19 {
+            let (a, b) = (random.point(width), random.point(width));
+            rays.push(match bundle % 3 {
+                0 => ray(start, add(add(start, scale(middle, 10.0)), a)),
+                1 => (narrow(add(start, a)), narrow(normalize(add(middle, scale(b, 1e-3))))),
+                _ => ray(add(start, a), end),
+            });
+        }
+    }
+    let hits = assert_trees_agree("bundles", &g, &rays);
+    let met = hits.iter().filter(|h| h.primitive != MISS).count();
+    assert!(met > 1_000, "{met}");
+}
+
+/// A ray that is not a number, as a broken sample makes it, costs its neighbours in the packet nothing.
+#[test]
+fn rays_that_are_no_numbers_meet_nothing_and_harm_no_other() {
+    let mut random = Random::new(16);
+    let triangles: Vec<_> = (0..2_000).map(|_| random_triangle(&mut random, 5.0, 0.7)).collect();
+    let g = geometry(&triangles, &[], &[]);
+    let mut rays: Vec<Ray> =
+        (0..640).map(|_| ray(narrow([20.0, 18.0, 22.0]).map(|x| x as f64), random.point(5.0))).collect();
+    for (i, (origin, direction)) in rays.iter_mut().enumerate().filter(|(i, _)| i % 16 == 5 || i % 48 == 7) {
+        match i % 3 {
+            0 => direction[i / 48 % 3] = f32::NAN,
+            1 => origin[i / 48 % 3] = f32::NAN,
+            _ => *direction = [f32::NAN; 3],
+        }
+    }
+    let tree = Bvh8::new(&g);
+    for level in levels() {
+        for way in TRAVERSALS {
+            let hits = traced(level, &tree, &rays, way);
+            let shadows: Vec<_> = rays.iter().map(|&r| (r, f32::INFINITY)).collect();
+            let met = in_the_way(level, &tree, &shadows, way);
+            let mut found = 0;
+            for ((&r, hit), met) in rays.iter().zip(hits).zip(met) {
+                let want = brute_force(&g, r, f32::INFINITY);
+                assert_eq!((hit, met), (want, want.primitive != MISS), "{way:?}, {}: {r:?}", level.name());
+                found += met as usize;
+            }
+            assert!(found > 100, "{found}");
+        }
+    }
 }
 
 #[test]

@@ -1,14 +1,16 @@
 //! The wavefront engine: each worker owns a pool of paths that fits its cache and runs all stages over it, refilling
 //! what ended. No barrier, and no counter shared between workers but the one that gives out work units.
 
+pub mod record;
+
 use super::schedule::Unit;
-use super::stats::{Laps, RayClass, Stage, Stats};
+use super::stats::{Laps, Stage, Stats};
 use super::{Job, add_to_film};
 use crate::film::BlockSums;
 use std::marker::PhantomData;
 use std::ops::Range;
 use wavepath_kernels::generate::{Batch, Generate};
-use wavepath_kernels::intersect::{Accelerator, Intersect, TraversalStack};
+use wavepath_kernels::intersect::{Accelerator, Intersect, RayClass, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::material_sort::{MaterialSort, Sorted, list};
@@ -24,6 +26,9 @@ use wavepath_kernels::shade::{self, Features, Shade};
 
 /// Paths of a pool, if the user does not say otherwise: 2 to 8 thousand were best, as they fit a 1 MiB L2.
 pub const DEFAULT_BATCH: usize = 4096;
+
+/// Camera rays that go through the tree together: the widest packet.
+const PACKET: usize = 16;
 
 /// One worker of the engine.
 pub struct Worker<'a, P, A> {
@@ -169,7 +174,13 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         while self.free > 0 {
             let Some(id) = self.current.or_else(|| self.open_unit()) else { break };
             let open = &mut self.units[id as usize];
-            let count = self.free.min(open.paths - open.started);
+            let rest = open.paths - open.started;
+            // A unit that does not fit is cut where a packet ends, so that packets stay squares of pixels.
+            let count = if rest > self.free { self.free / PACKET * PACKET } else { rest };
+            self.current = Some(id);
+            if count == 0 {
+                break;
+            }
             let from = self.free - count;
             isa.run(Generate::<P::Sampler> {
                 camera: &self.job.scene.camera,

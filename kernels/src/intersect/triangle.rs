@@ -58,13 +58,21 @@ pub struct TriangleHits<F: Real> {
 /// order.
 #[inline(always)]
 pub fn intersect<F: Real>(ray: &ShearedRay, corners: &[[F; 3]; 3], t_max: F) -> TriangleHits<F> {
-    let [kx, ky, kz] = ray.axes;
+    let permuted = map3!(*corners, |corner| map3!(ray.axes, |axis| corner[axis]));
+    intersect_permuted(ray, permuted, t_max)
+}
+
+/// As [`intersect`], with the coordinates in the order of the ray's axes: for callers that load them in this order. An
+/// array that is indexed by what only the ray knows goes through memory.
+#[inline(always)]
+pub fn intersect_permuted<F: Real>(ray: &ShearedRay, corners: [[F; 3]; 3], t_max: F) -> TriangleHits<F> {
     let [sx, sy, sz] = map3!(ray.shear, |x| F::splat(x));
     let [ox, oy, oz] = map3!(ray.origin, |x| F::splat(x));
     // Corners relative to the ray, sheared: the ray is the z axis.
-    let sheared = map3!(*corners, |corner| {
-        let z = corner[kz] - oz;
-        [(corner[kx] - ox) - sx * z, (corner[ky] - oy) - sy * z, sz * z]
+    let sheared = map3!(corners, |corner| {
+        let [x, y, z] = corner;
+        let z = z - oz;
+        [(x - ox) - sx * z, (y - oy) - sy * z, sz * z]
     });
     intersect_sheared(sheared, t_max)
 }

@@ -238,6 +238,30 @@ pub trait Real:
         self.store(&mut out, 0);
         out
     }
+    /// The four numbers again and again.
+    #[inline(always)]
+    fn repeat(four: &[f32; 4]) -> Self {
+        let mut out = [0.0; 16];
+        for i in 0..16 {
+            out[i] = four[i % 4];
+        }
+        Self::load(&out, 0)
+    }
+    /// The smallest lane. Which one it is with NaN is not said.
+    #[inline(always)]
+    fn least(self) -> f32 {
+        let lanes = self.to_array();
+        let mut least = lanes[0];
+        for &x in &lanes[1..Self::LANES] {
+            least = if x < least { x } else { least };
+        }
+        least
+    }
+    /// The largest lane. Which one it is with NaN is not said.
+    #[inline(always)]
+    fn largest(self) -> f32 {
+        -(-self).least()
+    }
     /// A uniform number in [0, 1) from the upper 24 bits of a random integer.
     #[inline(always)]
     fn unit_from_bits(u: Self::Uint) -> Self {

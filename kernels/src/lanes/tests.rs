@@ -72,6 +72,11 @@ fn reals<F: Real>() {
         check("select", F::select(a.lt(b), a, b), |x, y| if x < y { x } else { y });
         check("select le", F::select(a.le(b), F::one(), F::zero()), |x, y| (x <= y) as u8 as f32);
         check("bits", F::from_bits(a.to_bits()), |x, _| x);
+        let lanes = &VALUES[at..at + F::LANES];
+        assert_eq!(a.least(), lanes.iter().copied().fold(f32::INFINITY, f32::min));
+        assert_eq!(a.largest(), lanes.iter().copied().fold(f32::NEG_INFINITY, f32::max));
+        let repeated = F::repeat(&[1.0, 2.0, 3.0, 4.0]).to_array();
+        assert!((0..F::LANES).all(|i| repeated[i] == (i % 4 + 1) as f32));
     }
 }
 

@@ -42,7 +42,7 @@ macro_rules! lanes {
      $castsi_ps:ident, $castps_si:ident,
      $and_si:ident, $or_si:ident, $xor_si:ident, $add_epi32:ident, $sub_epi32:ident, $mullo_epi32:ident,
      $cmpeq_epi32:ident, $max_epu32:ident, $sllv:ident, $srlv:ident, $mul_epu32:ident, $srli_epi64:ident,
-     $blend_epi32:ident, $odd:literal, $shuffle_epi8:ident, $set1_epi8:ident, $srli_epi16:ident, $permute:expr) => {
+     $blend_epi32:ident, $odd:literal, $shuffle_epi8:ident, $set1_epi8:ident, $srli_epi16:ident, $permute:expr, $repeat:expr) => {
         #[doc = concat!(stringify!($n), " single-precision lanes.")]
         #[derive(Clone, Copy, Debug)]
         pub struct $F(pub $f);
@@ -214,6 +214,10 @@ macro_rules! lanes {
                 self.to_bits().compress(mask, bytemuck::cast_slice_mut(slice), at);
             }
             #[inline(always)]
+            fn repeat(four: &[f32; 4]) -> Self {
+                unsafe { $F($repeat(_mm_loadu_ps(four.as_ptr()))) }
+            }
+            #[inline(always)]
             fn mul_add(self, a: Self, b: Self) -> Self {
                 unsafe { $F($fmadd_ps(self.0, a.0, b.0)) }
             }
@@ -345,7 +349,8 @@ lanes!(
     _mm256_shuffle_epi8,
     _mm256_set1_epi8,
     _mm256_srli_epi16,
-    _mm256_permutevar8x32_epi32
+    _mm256_permutevar8x32_epi32,
+    |four| _mm256_set_m128(four, four)
 );
 lanes!(
     4,
@@ -398,5 +403,6 @@ lanes!(
     _mm_shuffle_epi8,
     _mm_set1_epi8,
     _mm_srli_epi16,
-    |v, order| _mm_castps_si128(_mm_permutevar_ps(_mm_castsi128_ps(v), order))
+    |v, order| _mm_castps_si128(_mm_permutevar_ps(_mm_castsi128_ps(v), order)),
+    |four| four
 );

@@ -258,4 +258,16 @@ impl Real for F32x16 {
     fn from_bits(u: U32x16) -> Self {
         unsafe { F32x16(_mm512_castsi512_ps(u.0)) }
     }
+    #[inline(always)]
+    fn repeat(four: &[f32; 4]) -> Self {
+        unsafe { F32x16(_mm512_broadcast_f32x4(_mm_loadu_ps(four.as_ptr()))) }
+    }
+    #[inline(always)]
+    fn least(self) -> f32 {
+        unsafe { _mm512_reduce_min_ps(self.0) }
+    }
+    #[inline(always)]
+    fn largest(self) -> f32 {
+        unsafe { _mm512_reduce_max_ps(self.0) }
+    }
 }

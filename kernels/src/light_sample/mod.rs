@@ -85,28 +85,35 @@ impl<A: Accelerator> LightSample<'_, A> {
     #[inline(always)]
     fn sorted<I: Isa>(self, isa: I) {
         let rays = self.shadows;
-        let n = self.range.len();
         let (mut keys, mut order) = ([0; SHADOW_RAYS + PAD], [0; SHADOW_RAYS]);
-        self.stack.sorter.sort::<I::Wide>(rays, self.range, &mut keys, &mut order);
-        let mut at = 0;
-        while at < n {
-            let (place, count) = list_lanes::<I::Wide>(&order[..n], at);
-            let active = <I::Wide as Real>::Mask::first(count);
-            // SAFETY: the list holds places of rays.
-            let column = |c: &[f32]| unsafe { I::Wide::gather(c, place) };
-            let origin = Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
-            let direction =
-                Vec3::new(column(&rays.direction_x), column(&rays.direction_y), column(&rays.direction_z));
-            let distance = column(&rays.distance);
-            let blocked =
-                self.accelerator.occluded_packet(isa, origin, direction, distance, active, self.stack);
-            let mut free = (active & !blocked).bits();
-            let place = place.to_array();
-            while free != 0 {
-                self.slots.add_shadow(rays, place[free.trailing_zeros() as usize & 15] as usize);
-                free &= free - 1;
+        for start in self.range.clone().step_by(SHADOW_RAYS) {
+            let piece = start..self.range.end.min(start + SHADOW_RAYS);
+            let n = piece.len();
+            self.stack.sorter.sort::<I::Wide>(rays, piece, &mut keys, &mut order);
+            let mut at = 0;
+            while at < n {
+                let (place, count) = list_lanes::<I::Wide>(&order[..n], at);
+                let active = <I::Wide as Real>::Mask::first(count);
+                // SAFETY: the list holds places of rays.
+                let column = |c: &[f32]| unsafe { I::Wide::gather(c, place) };
+                let origin =
+                    Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
+                let direction = Vec3::new(
+                    column(&rays.direction_x),
+                    column(&rays.direction_y),
+                    column(&rays.direction_z),
+                );
+                let distance = column(&rays.distance);
+                let blocked =
+                    self.accelerator.occluded_packet(isa, origin, direction, distance, active, self.stack);
+                let mut free = (active & !blocked).bits();
+                let place = place.to_array();
+                while free != 0 {
+                    self.slots.add_shadow(rays, place[free.trailing_zeros() as usize & 15] as usize);
+                    free &= free - 1;
+                }
+                at += count;
             }
-            at += count;
         }
     }
 }

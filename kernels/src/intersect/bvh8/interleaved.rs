@@ -6,8 +6,9 @@ use super::{Bvh8, Child};
 use crate::intersect::{Hit, TraversalStack};
 use crate::isa::Isa;
 
-/// Rays in flight. Eight cover the latency of memory; sixteen no longer fit the first-level cache with their stacks.
-pub(super) const IN_FLIGHT: usize = 8;
+/// Rays in flight. Time of 8 : 12 : 16 : 24 for bounce rays: 1 : 0.91 : 0.89 : 0.89 in a tree of 6 MiB, 1 : 0.80 : 0.72 :
+/// 0.85 in one of 151 MiB.
+pub(super) const IN_FLIGHT: usize = 16;
 
 impl Bvh8<'_> {
     /// Traces rays: `next` gives one after the other with its place, `done` takes the hits. `ANY`: rays stop at their
@@ -84,20 +85,19 @@ impl Bvh8<'_> {
         #[cfg(target_arch = "x86_64")]
         {
             use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            let (first, bytes): (*const i8, usize) = if child.0 & Child::LEAF == 0 {
-                (self.nodes.as_ptr().wrapping_add(child.0 as usize).cast(), size_of::<super::Node>())
-            } else if child.0 & Child::ROUND == 0 {
-                let range = child.range();
-                let first = self.blocks.as_ptr().wrapping_add(range.start);
-                (first.cast(), range.len() * size_of::<super::Block>())
+            // A node is four lines, a block two and a half; what is asked for too much is near.
+            let (table, size): (*const i8, usize) = if child.0 & Child::LEAF == 0 {
+                (self.nodes.as_ptr().cast(), size_of::<super::Node>())
             } else {
-                (self.round.as_ptr().wrapping_add(child.range().start).cast(), 64)
+                (self.blocks.as_ptr().cast(), size_of::<super::Block>())
             };
-            let mut line = 0;
-            while line < bytes {
-                // SAFETY: a prefetch reads nothing, wherever it points.
-                unsafe { _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(line)) };
-                line += 64;
+            let first = table.wrapping_add((child.0 & Child::FIRST) as usize * size);
+            // SAFETY: a prefetch reads nothing, wherever it points.
+            unsafe {
+                _mm_prefetch::<_MM_HINT_T0>(first);
+                _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(64));
+                _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(128));
+                _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(192));
             }
         }
         #[cfg(not(target_arch = "x86_64"))]

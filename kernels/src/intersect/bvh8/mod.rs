@@ -132,20 +132,22 @@ impl<'a> Parts<'a> {
 }
 
 impl<'a> Bvh8<'a> {
-    /// Trees up to this size (bytes) are walked in packets by all rays, even by those that go different ways: nodes are
-    /// near, and a packet loads each of them once.
+    /// Bounce rays go through trees up to this size (bytes) in packets: nodes are few, and a packet loads each of them
+    /// once.
     ///
-    /// Measured time of bounce rays, packets : single : interleaved. Cornell box (40 primitives) 1 : 2.1 : 3.0; glass
-    /// mesh (20 thousand) 1 : 0.98 : 1.3; knots (some MiB) 1 : 1.09 : 0.91; two million triangles (L3 of 32 MiB)
-    /// 1 : 0.75 : 0.57 and 1 : 0.80 : 0.54.
-    const SMALL: usize = 8 << 20;
-
-    /// In trees up to this size (bytes), but of more than a node, bounce rays are sorted before they go in packets.
+    /// Measured time of bounce rays, packets : single : interleaved. Cornell box (16 primitives) 1 : 3.7 : 3.7; panes
+    /// (0.5 MiB) 1 : 1.8 : 2.1; 144 lamps (0.6 MiB) 1 : 1.4 : 1.3; glass (0.8 MiB) 1 : 0.9 : 0.9; still life (1.9 MiB)
+    /// 1 : 1 : 0.8; knot (6 MiB) 1 : 0.6 : 0.36; two million triangles (151 MiB) 1 : 0.8 : 0.2.
     ///
-    /// Measured time of bounce and camera rays without sorting over that with it: Cornell box 1.21; mountains under a
-    /// sky (1.5 MiB) 1.11, wine glass (2 MiB) 1.03 to 1.10, caustics 1.06, a glass pane 1.04, 97 lamps 1.03, a row of
-    /// matt figures 0.94, metals (3.5 MiB) 1.01; two spheres in one node 0.97. Of shadow rays: 0.80 to 1.03.
-    const TINY: usize = 3 << 20;
+    /// They are put in order first, but where the tree is one node. Measured time of intersection without order over
+    /// that with it: Cornell box 1.21; caustics 1.06, a glass pane 1.04, 97 lamps 1.03, a row of matt figures 0.94; two
+    /// spheres in one node 0.97. Of shadow rays: 0.80 to 1.03.
+    const PACKETS_BOUNCE: usize = 768 << 10;
+    /// The same for later shadow rays. They stop at the first hit, and go where the lamps are.
+    ///
+    /// Measured as above. Cornell box 1 : 4 : 5; glass 1 : 2 : 2; still life 1 : 1.2 : 1.1; metals (3.2 MiB)
+    /// 1 : 1.4 : 1.4; knot 1 : 1 : 0.6; two million triangles 1 : 1 : 0.3.
+    const PACKETS_SHADOW: usize = 4 << 20;
 
     /// Builds the tree. Scenes of up to four primitives walk it as well: testing them all without their boxes took 0.99
     /// to 1.005 of the time.
@@ -396,11 +398,15 @@ impl Accelerator for Bvh8<'_> {
         });
     }
     fn traversal(&self, class: RayClass) -> Traversal {
+        let small = match class {
+            RayClass::Camera | RayClass::FirstShadow => true,
+            RayClass::Bounce => self.bytes() <= Self::PACKETS_BOUNCE,
+            RayClass::LaterShadow => self.bytes() <= Self::PACKETS_SHADOW,
+        };
         match class {
-            _ if class.is_coherent() => Traversal::Packets,
-            RayClass::Bounce if self.nodes.len() > 1 && self.bytes() <= Self::TINY => Traversal::Sorted,
-            _ if self.bytes() <= Self::SMALL => Traversal::Packets,
-            _ => Traversal::Interleaved,
+            _ if !small => Traversal::Interleaved,
+            RayClass::Bounce if self.nodes.len() > 1 => Traversal::Sorted,
+            _ => Traversal::Packets,
         }
     }
     fn bounds(&self) -> [[f32; 3]; 2] {

@@ -1,14 +1,32 @@
 //! As many rays at a time as a vector has lanes: one box, or one triangle, against all of them in one step.
 //!
-//! A node is loaded once for all rays, and nothing is sorted or compared for a single one of them. That pays as long as
-//! the rays stay together; where few of a packet enter a node, they go on one by one ([`super::single`]).
+//! A node is loaded once for all rays, and nothing is sorted or compared for a single one of them. Where all rays go the
+//! same way along each axis, one test of their common bounds tells which of the eight children any of them can enter.
+//! That pays as long as the rays stay together; where few of a packet enter a node, they go on one by one
+//! ([`super::single`]), and where few reach a leaf, each meets four triangles at a time.
 
-use super::{BLOCK, Bvh8, Child, EMPTY, WIDTH};
+use super::{BLOCK, Block, Bvh8, Child, EMPTY, Node, WIDTH};
 use crate::intersect::{Hit, PacketHit, TraversalStack, sphere, test_round, triangle};
 use crate::isa::Isa;
 use crate::lanes::{Mask, Real, Uint, map3};
 use crate::math::Vec3;
 use crate::scene::MISS;
+
+/// Axes in their cyclic order with x, y or z last.
+const AXES: [[usize; 3]; 3] = [[1, 2, 0], [2, 0, 1], [0, 1, 2]];
+
+/// 0, 1, 2, ...
+static NUMBERS: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+/// Each number four times.
+static BY_FOUR: [u32; 64] = {
+    let mut out = [0; 64];
+    let mut k = 0;
+    while k < 64 {
+        out[k] = k as u32 / BLOCK as u32;
+        k += 1;
+    }
+    out
+};
 
 /// The rays of a packet, prepared for boxes and triangles.
 struct Packet<F: Real> {
@@ -22,6 +40,64 @@ struct Packet<F: Real> {
     /// As in [`triangle::ShearedRay`].
     shear: [F; 3],
     sheared_origin: [F; 3],
+    /// Bounds of all rays, if they agree in the signs of their directions.
+    beam: Option<Beam>,
+}
+
+/// Bounds of the rays of a packet that go the same way along each axis.
+struct Beam {
+    /// Which of the two sides of an axis the rays meet first, as a row of [`super::Node::bounds`].
+    near: [usize; 3],
+    /// Of the origins, the coordinates that are nearest to the near sides, and those furthest from the far sides.
+    foremost: [f32; 3],
+    rearmost: [f32; 3],
+    /// Smallest and largest inverse directions.
+    inverse: [[f32; 2]; 3],
+}
+
+impl Beam {
+    #[inline(always)]
+    fn new<F: Real>(origin: [F; 3], inverse: [F; 3], active: F::Mask) -> Option<Self> {
+        let lanes = active.bits();
+        // What is not a number is in none of the masks, so there is no beam with it.
+        let positive = map3!(inverse, |x| x.gt(F::zero()).bits() & lanes == lanes);
+        let negative = map3!(inverse, |x| x.lt(F::zero()).bits() & lanes == lanes);
+        let number = map3!(origin, |x| x.eq(x).bits() & lanes == lanes);
+        let agree = map3!([0, 1, 2], |k| (positive[k] | negative[k]) & number[k]);
+        if !(agree[0] & agree[1] & agree[2]) {
+            return None;
+        }
+        let (high, low) = (F::lit(f64::INFINITY), F::lit(f64::NEG_INFINITY));
+        macro_rules! range {
+            ($x:expr) => {
+                [F::select(active, $x, high).least(), F::select(active, $x, low).largest()]
+            };
+        }
+        let bounds = map3!(origin, |x| range!(x));
+        Some(Beam {
+            near: map3!([0, 1, 2], |k| 2 * k + negative[k] as usize),
+            foremost: map3!([0, 1, 2], |k| bounds[k][positive[k] as usize]),
+            rearmost: map3!([0, 1, 2], |k| bounds[k][negative[k] as usize]),
+            inverse: map3!(inverse, |x| range!(x)),
+        })
+    }
+
+    /// The children of a node that a ray of the beam may enter before `limit`, and no fewer: rounding is monotonic, so
+    /// what holds for the bounds holds for the rays.
+    #[inline(always)]
+    fn enters<F: Real>(&self, node: &Node, limit: f32) -> u32 {
+        let enter = map3!([0, 1, 2], |k| {
+            let side = F::load(&node.bounds[self.near[k]], 0) - F::splat(self.foremost[k]);
+            (side * F::splat(self.inverse[k][0])).min(side * F::splat(self.inverse[k][1]))
+        });
+        let leave = map3!([0, 1, 2], |k| {
+            let side = F::load(&node.bounds[self.near[k] ^ 1], 0) - F::splat(self.rearmost[k]);
+            (side * F::splat(self.inverse[k][0])).max(side * F::splat(self.inverse[k][1]))
+        });
+        let enter = enter[0].max(enter[1]).max(enter[2]).max(F::zero());
+        let leave = leave[0].min(leave[1]).min(leave[2]) * F::lit(1.0 + 4.0 * f32::EPSILON as f64);
+        (enter.le(leave) & enter.le(F::splat(limit))).bits()
+    }
 }
 
 impl<F: Real> Packet<F> {
@@ -50,6 +126,7 @@ impl<F: Real> Packet<F> {
             longest: [along_x, along_y],
             shear: [F::zero(); 3],
             sheared_origin: [F::zero(); 3],
+            beam: Beam::new(origin, inverse, active),
         };
         let [dx, dy, dz] = packet.permute(direction);
         let scale = dz.recip();
@@ -73,26 +150,81 @@ impl<F: Real> Packet<F> {
         }
     }
 
-    /// All rays against one triangle.
+    /// All rays against one triangle of a block.
     #[inline(always)]
-    fn triangle(&self, corners: [[f32; 3]; 3], t_max: F) -> triangle::TriangleHits<F> {
+    fn triangle(&self, block: &Block, lane: usize) -> triangle::TriangleHits<F> {
         let ([sx, sy, sz], [ox, oy, oz]) = (self.shear, self.sheared_origin);
+        let corners = match self.axis {
+            Some(axis) => {
+                let axes = AXES[axis];
+                map3!(&block.corners, |corner| map3!(axes, |k| F::splat(corner[k][lane])))
+            }
+            None => map3!(&block.corners, |corner| self.permute(map3!(corner, |x| F::splat(x[lane])))),
+        };
         let sheared = map3!(corners, |corner| {
-            let [x, y, z] = self.permute(map3!(corner, |x| F::splat(x)));
+            let [x, y, z] = corner;
             let z = z - oz;
             [(x - ox) - sx * z, (y - oy) - sy * z, sz * z]
         });
-        triangle::intersect_sheared(sheared, t_max)
+        triangle::intersect_sheared(sheared, F::lit(f64::INFINITY))
+    }
+
+    /// The four triangles of a block, repeated, against some of the rays, each repeated four times: for leaves that few
+    /// rays reach.
+    #[inline(always)]
+    fn block<const ANY: bool>(&self, block: &Block, axis: usize, rays: F::Mask, best: &mut Best<F>) {
+        let axes = AXES[axis];
+        let corners = map3!(&block.corners, |corner| map3!(axes, |k| F::repeat(&corner[k])));
+        // The numbers of the rays, packed.
+        let mut packed = [0u32; 16];
+        F::Uint::load(&NUMBERS, 0).compress(rays, &mut packed, 0);
+        let numbers = F::Uint::load(&packed, 0);
+        let total = rays.count();
+        for first in (0..total).step_by(F::LANES / BLOCK) {
+            let count = (total - first).min(F::LANES / BLOCK) * BLOCK;
+            let lanes = numbers.permute(F::Uint::load(&BY_FOUR, first * BLOCK));
+            let [sx, sy, sz] = map3!(self.shear, |x| x.permute(lanes));
+            let [ox, oy, oz] = map3!(self.sheared_origin, |x| x.permute(lanes));
+            let sheared = map3!(corners, |corner| {
+                let [x, y, z] = corner;
+                let z = z - oz;
+                [(x - ox) - sx * z, (y - oy) - sy * z, sz * z]
+            });
+            let found = triangle::intersect_sheared(sheared, F::lit(f64::INFINITY));
+            let mut hits = found.hit.bits() & ((1u64 << count) - 1) as u32;
+            if hits == 0 {
+                continue;
+            }
+            let (t, u, v) = (found.t.to_array(), found.u.to_array(), found.v.to_array());
+            while hits != 0 {
+                let lane = hits.trailing_zeros() as usize & 15;
+                hits &= hits - 1;
+                let (t, u, v) = (F::splat(t[lane]), F::splat(u[lane]), F::splat(v[lane]));
+                let ray = F::Mask::from_bits(1 << packed[(first + lane / BLOCK) & 15]);
+                best.keep::<ANY>(block.primitive[lane % BLOCK], t, u, v, ray);
+            }
+        }
     }
 
     /// Distances at which the rays enter a box, and the lanes that do so before `limit`.
     #[inline(always)]
     fn enter(&self, bounds: &[[f32; WIDTH]; 6], child: usize, limit: F) -> (F, F::Mask) {
+        if let Some(beam) = &self.beam {
+            let [x, y, z] = map3!([0, 1, 2], |k| {
+                (F::splat(bounds[beam.near[k]][child]) - self.origin[k]) * self.inverse[k]
+            });
+            let enter = x.max(y).max(z).max(F::zero());
+            let [x, y, z] = map3!([0, 1, 2], |k| {
+                (F::splat(bounds[beam.near[k] ^ 1][child]) - self.origin[k]) * self.inverse[k]
+            });
+            let leave = x.min(y).min(z) * F::lit(1.0 + 4.0 * f32::EPSILON as f64);
+            return (enter, enter.le(leave) & enter.le(limit));
+        }
         let side = |k: usize| (F::splat(bounds[k][child]) - self.origin[k / 2]) * self.inverse[k / 2];
         let (ax, bx, ay, by, az, bz) = (side(0), side(1), side(2), side(3), side(4), side(5));
         let enter = ax.min(bx).max(ay.min(by)).max(az.min(bz)).max(F::zero());
         let leave = ax.max(bx).min(ay.max(by)).min(az.max(bz)) * F::lit(1.0 + 4.0 * f32::EPSILON as f64);
-        (enter, enter.le(leave.min(limit)))
+        (enter, enter.le(leave) & enter.le(limit))
     }
 }
 
@@ -120,8 +252,8 @@ impl<F: Real> Best<'_, F> {
 }
 
 impl Bvh8<'_> {
-    /// With so few rays left in a subtree they go on one by one. Four of eight or sixteen: measured, flat from 3 to 6.
-    const TOGETHER: usize = 4;
+    /// With so few rays left in a subtree they go on one by one. Measured: flat from 1 to 3.
+    const TOGETHER: usize = 2;
 
     /// Walks the tree with all `active` rays. `ANY`: a ray stops at its first hit.
     #[inline(always)]
@@ -158,21 +290,24 @@ impl Bvh8<'_> {
             let count = alive.count();
             if count == 0 {
                 // Nothing to do here.
+            } else if current.0 & Child::LEAF != 0 {
+                self.packet_leaf::<I, ANY>(&packet, current, alive, &mut hit, &mut limit, margin);
             } else if count <= Self::TOGETHER {
-                self.one_by_one::<I, ANY>(&packet, current, alive.bits(), &mut hit, stack);
-                let found = !hit.primitive.eq(Int::<I::Wide>::splat(MISS));
-                let open = limit.ge(I::Wide::zero());
-                limit = I::Wide::select(open, hit.t * margin, behind);
-                if ANY {
-                    limit = I::Wide::select(found, behind, limit);
-                }
-            } else if current.0 & Child::LEAF == 0 {
+                let best = &mut Best { hit: &mut hit, limit: &mut limit, margin };
+                self.one_by_one::<I, ANY>(&packet, current, alive.bits(), best, stack);
+            } else {
                 // SAFETY: inner children are numbers of nodes; `self.stack` entries hold all that any way down leaves
                 // behind, and `waiting` has them.
                 unsafe {
                     let node = self.nodes.get_unchecked(current.0 as usize);
-                    let mut nearest: Option<(u32, I::Wide)> = None;
-                    for child in 0..WIDTH {
+                    let (mut nearest, mut nearest_enter) = (EMPTY.0, I::Wide::zero());
+                    let mut children = match &packet.beam {
+                        Some(beam) => beam.enters::<I::Eight>(node, limit.largest()),
+                        None => 0xFF,
+                    };
+                    while children != 0 {
+                        let child = children.trailing_zeros() as usize;
+                        children &= children - 1;
                         if node.child[child] == EMPTY.0 {
                             break;
                         }
@@ -181,33 +316,25 @@ impl Bvh8<'_> {
                             continue;
                         }
                         let enter = I::Wide::select(lanes, enter, I::Wide::lit(f64::INFINITY));
-                        let mut put = |(node, enter): (u32, I::Wide)| {
-                            let entry = &mut *waiting.add(held);
-                            entry.0 = node;
-                            enter.store(&mut entry.1.0, 0);
-                            held += 1;
-                        };
                         // The one that any ray enters first goes on; the others wait in the order of the boxes.
                         // Sorting them by the distance of one ray cost as much as it saved.
-                        nearest = Some(match nearest {
-                            None => (node.child[child], enter),
-                            Some(best) if enter.lt(best.1).any() => {
-                                put(best);
-                                (node.child[child], enter)
-                            }
-                            Some(best) => {
-                                put((node.child[child], enter));
-                                best
-                            }
-                        });
+                        let (mut waits, mut waits_enter) = (node.child[child], enter);
+                        if nearest == EMPTY.0 || enter.lt(nearest_enter).any() {
+                            core::mem::swap(&mut nearest, &mut waits);
+                            (nearest_enter, waits_enter) = (enter, nearest_enter);
+                        }
+                        if waits != EMPTY.0 {
+                            let entry = &mut *waiting.add(held);
+                            entry.0 = waits;
+                            waits_enter.store(&mut entry.1.0, 0);
+                            held += 1;
+                        }
                     }
-                    if let Some((node, enter)) = nearest {
-                        (current, entered) = (Child(node), enter);
+                    if nearest != EMPTY.0 {
+                        (current, entered) = (Child(nearest), nearest_enter);
                         continue;
                     }
                 }
-            } else {
-                self.packet_leaf::<I, ANY>(&packet, current, alive, &mut hit, &mut limit, margin);
             }
             if ANY && !limit.ge(I::Wide::zero()).any() {
                 return hit;
@@ -255,19 +382,26 @@ impl Bvh8<'_> {
             }
             return;
         }
+        let rays = alive.count();
         for place in leaf.range() {
             // SAFETY: leaves hold numbers of blocks.
             let block = unsafe { self.blocks.get_unchecked(place) };
-            for lane in 0..BLOCK {
-                let primitive = block.primitive[lane];
-                // Short blocks repeat their last triangle.
-                if lane > 0 && primitive == block.primitive[lane - 1] {
-                    break;
-                }
-                let corners = map3!(&block.corners, |corner| map3!(corner, |axis| axis[lane]));
-                let found = packet.triangle(corners, I::Wide::lit(f64::INFINITY));
+            // Short blocks repeat their last triangle.
+            let [a, b, c, d] = block.primitive;
+            let triangles = 1 + (a != b) as usize + (b != c) as usize + (c != d) as usize;
+            // Vectors of the widest kind hold the block four times, or twice.
+            let copies = I::Wide::LANES / BLOCK;
+            if let Some(axis) = packet.axis
+                && copies > 0
+                && rays.div_ceil(copies.max(1)) < triangles
+            {
+                packet.block::<ANY>(block, axis, alive, &mut best);
+                continue;
+            }
+            for lane in 0..triangles {
+                let found = packet.triangle(block, lane);
                 if found.hit.any() {
-                    best.keep::<ANY>(primitive, found.t, found.u, found.v, found.hit);
+                    best.keep::<ANY>(block.primitive[lane], found.t, found.u, found.v, found.hit);
                 }
             }
         }
@@ -309,32 +443,22 @@ impl Bvh8<'_> {
         packet: &Packet<I::Wide>,
         start: Child,
         mut lanes: u32,
-        hit: &mut PacketHit<I::Wide>,
+        best: &mut Best<I::Wide>,
         stack: &mut TraversalStack,
     ) {
         let origin = map3!(packet.origin, |x| x.to_array());
         let direction = map3!(packet.direction, |x| x.to_array());
-        let (mut t, mut primitive) = (hit.t.to_array(), hit.primitive.to_array());
-        let (mut u, mut v) = (hit.u.to_array(), hit.v.to_array());
+        let (t, primitive) = (best.hit.t.to_array(), best.hit.primitive.to_array());
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize & 15;
             lanes &= lanes - 1;
-            let before = Hit { t: t[lane], primitive: primitive[lane], u: u[lane], v: v[lane] };
-            let after = self.walk::<I, ANY>(
-                start,
-                map3!(&origin, |x| x[lane]),
-                map3!(&direction, |x| x[lane]),
-                before,
-                stack,
-            );
-            t[lane] = after.t;
-            primitive[lane] = after.primitive;
-            u[lane] = after.u;
-            v[lane] = after.v;
+            let before = Hit { t: t[lane], primitive: primitive[lane], u: 0.0, v: 0.0 };
+            let (origin, direction) = (map3!(&origin, |x| x[lane]), map3!(&direction, |x| x[lane]));
+            let after = self.walk::<I, ANY>(start, origin, direction, before, stack);
+            if after.primitive != before.primitive {
+                let (t, u, v) = (I::Wide::splat(after.t), I::Wide::splat(after.u), I::Wide::splat(after.v));
+                best.keep::<ANY>(after.primitive, t, u, v, <I::Wide as Real>::Mask::from_bits(1 << lane));
+            }
         }
-        hit.t = I::Wide::load(&t, 0);
-        hit.primitive = <I::Wide as Real>::Uint::load(&primitive, 0);
-        hit.u = I::Wide::load(&u, 0);
-        hit.v = I::Wide::load(&v, 0);
     }
 }

@@ -106,7 +106,8 @@ impl Bvh8<'_> {
             let [x, y, z] = map3!([0, 1, 2], |k| (I::Eight::load(far[k], 0) - origin[k]) * inverse[k]);
             // Rounding of the far sides must not lose boxes (Ize 2013).
             let leave = x.min(y).min(z) * I::Eight::lit(1.0 + 4.0 * f32::EPSILON as f64);
-            let lanes = enter.le(leave.min(I::Eight::splat(beyond(ray.hit.t))));
+            // Two comparisons: a ray that is no number enters nothing, not even children that are not there.
+            let lanes = enter.le(leave) & enter.le(I::Eight::splat(beyond(ray.hit.t)));
             // The children that the ray enters, the farthest first, in an order that depends on the octant of the
             // direction alone; the nearest is visited next, the others go onto the stack at once. Sorting them by
             // distance instead, with branches that are never predicted well, was as fast for single rays in small
@@ -171,10 +172,15 @@ impl Bvh8<'_> {
             return;
         }
         for place in leaf.range() {
-            // SAFETY: leaves hold numbers of blocks.
-            let block = unsafe { self.blocks.get_unchecked(place) };
-            let corners = map3!(&block.corners, |corner| map3!(corner, |axis| I::Four::load(axis, 0)));
-            let found = triangle::intersect::<I::Four>(sheared, &corners, I::Four::splat(hit.t));
+            // SAFETY: leaves hold numbers of blocks, and axes are below 3.
+            let (block, corners) = unsafe {
+                let block = self.blocks.get_unchecked(place);
+                let corners = map3!(&block.corners, |corner| map3!(sheared.axes, |axis| {
+                    I::Four::load(corner.get_unchecked(axis), 0)
+                }));
+                (block, corners)
+            };
+            let found = triangle::intersect_permuted::<I::Four>(sheared, corners, I::Four::splat(hit.t));
             let mut lanes = found.hit.bits();
             if lanes == 0 {
                 continue;
