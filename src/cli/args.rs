@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 
 use super::parse;
+use crate::converge::external::ExternalSpec;
 
 /// Arguments of `wavepath render`.
 ///
@@ -118,6 +119,56 @@ pub struct CompareArgs {
     /// Write each pixel's relative squared error as an image: values (.exr) or colours (.png)
     #[arg(long, value_name = "FILE.exr|FILE.png")]
     pub map: Option<PathBuf>,
+}
+
+/// Arguments of `wavepath converge`.
+#[derive(Debug, Clone, PartialEq, Args)]
+pub struct ConvergeArgs {
+    /// Scene to render, in pbrt's format
+    #[arg(value_name = "SCENE.pbrt")]
+    pub scene: PathBuf,
+
+    /// Folder for the results; it is made if it is missing
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+
+    /// The converged picture [default: for each run, the mean of the runs with other seeds]
+    #[arg(long, value_name = "REFERENCE.exr")]
+    pub reference: Option<PathBuf>,
+
+    /// Engines to compare
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Engine::Wavefront, Engine::Megakernel])]
+    pub engines: Vec<Engine>,
+
+    /// Samplers to compare
+    #[arg(long, value_enum, value_delimiter = ',',
+          default_values_t = [SamplerChoice::Sobol, SamplerChoice::Independent])]
+    pub samplers: Vec<SamplerChoice>,
+
+    /// Rendering time of each run: there are engines x samplers x seeds of them
+    #[arg(long, value_name = "TIME", default_value = "10s", value_parser = parse::duration,
+          allow_hyphen_values = true)]
+    pub budget: Duration,
+
+    /// Runs of each engine and sampler, each with a seed of its own
+    #[arg(long, value_name = "N", default_value = "3", value_parser = parse::seeds, allow_hyphen_values = true)]
+    pub seeds: usize,
+
+    /// Picture of another program and the seconds that it took; may be given more than once
+    #[arg(long, value_name = "NAME:SECONDS:FILE.exr", value_parser = crate::converge::external::parse)]
+    pub external: Vec<ExternalSpec>,
+
+    /// Worker threads [default: one per processor]
+    #[arg(long, value_name = "N", value_parser = parse::threads, allow_hyphen_values = true)]
+    pub threads: Option<usize>,
+
+    /// Size of the image in pixels [default: the scene's]
+    #[arg(long, value_name = "WxH", value_parser = parse::resolution)]
+    pub resolution: Option<Resolution>,
+
+    /// Print errors and the table only
+    #[arg(long)]
+    pub quiet: bool,
 }
 
 /// How paths are executed.
@@ -264,6 +315,13 @@ mod tests {
         assert_eq!((bench.scenes.len(), bench.json), (2, false));
         let compare: CompareArgs = parse("a.exr b.exr --map c.png").unwrap();
         assert_eq!(compare.map, Some("c.png".into()));
+        let converge: ConvergeArgs =
+            parse("a.pbrt --engines megakernel --budget 2m --external b:1:b.exr -o c").unwrap();
+        assert_eq!((converge.engines, converge.samplers.len()), (vec![Engine::Megakernel], 2));
+        assert_eq!((converge.budget, converge.seeds), (Duration::from_secs(120), 3));
+        assert_eq!(converge.external[0].name, "b");
+        let error = parse::<ConvergeArgs>("a.pbrt --seeds 0 -o c").unwrap_err();
+        assert!(error.to_string().contains("from 1 to 1000"), "{error}");
         let error = parse::<CompareArgs>("a.exr").unwrap_err();
         assert_eq!(error.kind(), ErrorKind::MissingRequiredArgument);
         assert!(super::super::Cli::try_parse_from(["wavepath", "paint"]).is_err());

@@ -8,6 +8,7 @@
 
 pub mod args;
 mod compare;
+mod converge;
 mod failure;
 pub mod output;
 mod parse;
@@ -38,6 +39,8 @@ pub enum Command {
     Mesh(crate::meshes::MeshArgs),
     /// Compare an image with a reference and print the error measures
     Compare(args::CompareArgs),
+    /// Measure the error of engines and samplers against their run time
+    Converge(args::ConvergeArgs),
 }
 
 impl Cli {
@@ -57,6 +60,7 @@ impl Cli {
                 }
             }),
             Command::Compare(args) => compare::run(args),
+            Command::Converge(args) => converge::run(args),
         }
     }
 }

@@ -64,6 +64,11 @@ pub fn spp(text: &str) -> Result<u32, String> {
     count(text, 1..=1 << 31).map(|spp| spp as u32)
 }
 
+/// Runs with a seed each.
+pub fn seeds(text: &str) -> Result<usize, String> {
+    count(text, 1..=1000).map(|seeds| seeds as usize)
+}
+
 /// Worker threads.
 pub fn threads(text: &str) -> Result<usize, String> {
     count(text, 1..=4096).map(|threads| threads as usize)

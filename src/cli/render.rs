@@ -71,7 +71,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let settings = settings(args, &description);
     // A time limit alone renders for that time; otherwise the scene's samples are the limit.
     let spp = args.spp.or(args.time.is_none().then_some(description.sampler.pixel_samples));
-    let film = film(args, &description, &scene, &plan, spp)?;
+    let film = film(&args.scene, &description, &scene, &plan, spp)?;
     let tree = Tree::build(settings.engine, &scene);
     let interrupted = crate::interrupt::flag()
         .map_err(|error| Failure::Work(format!("cannot watch for Ctrl-C: {error}")))?;
@@ -88,7 +88,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
 
     let developed = film.develop();
     let report = report(args, &settings, &film, &developed, &stats, setup, seconds);
-    let mut image = picture_of(&description, developed);
+    let mut image = picture_of(&description, developed.pixels);
     image.metadata.report = Some(report.to_json());
     picture::write(&image_path, &image, args.exposure).map_err(|error| Failure::Work(error.to_string()))?;
     if let Some(path) = &args.report {
@@ -116,19 +116,33 @@ fn default_output(description: &SceneDescription, scene: &Path) -> std::path::Pa
     }
 }
 
+/// One for each processor.
+pub(super) fn default_threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// The engine of that name.
+pub(super) fn engine_kind(engine: Engine) -> EngineKind {
+    match engine {
+        Engine::Wavefront => EngineKind::Wavefront,
+        Engine::Megakernel => EngineKind::Megakernel,
+        Engine::MegakernelWide => EngineKind::MegakernelWide,
+    }
+}
+
+/// The sampler of that name.
+pub(super) fn sampler_kind(sampler: SamplerChoice) -> SamplerKind {
+    match sampler {
+        SamplerChoice::Sobol => SamplerKind::Sobol,
+        SamplerChoice::Independent => SamplerKind::Independent,
+    }
+}
+
 fn settings(args: &RenderArgs, description: &SceneDescription) -> Settings {
-    let threads = args.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let threads = args.threads.unwrap_or_else(default_threads);
     Settings {
-        engine: match args.engine {
-            Engine::Wavefront => EngineKind::Wavefront,
-            Engine::Megakernel => EngineKind::Megakernel,
-            Engine::MegakernelWide => EngineKind::MegakernelWide,
-        },
-        sampler: match args.sampler {
-            Some(SamplerChoice::Sobol) => SamplerKind::Sobol,
-            Some(SamplerChoice::Independent) => SamplerKind::Independent,
-            None => description.sampler.kind,
-        },
+        engine: engine_kind(args.engine),
+        sampler: args.sampler.map_or(description.sampler.kind, sampler_kind),
         threads,
         seed: args.seed.unwrap_or(description.sampler.seed),
         batch: args.batch.unwrap_or(wavefront::DEFAULT_BATCH),
@@ -145,8 +159,8 @@ fn settings(args: &RenderArgs, description: &SceneDescription) -> Settings {
 }
 
 /// The film of a scene, if there is memory for it.
-fn film(
-    args: &RenderArgs,
+pub(super) fn film(
+    path: &Path,
     description: &SceneDescription,
     scene: &Scene,
     plan: &Plan,
@@ -158,7 +172,7 @@ fn film(
         let [width, height] = film.resolution;
         return Err(Failure::Input(format!(
             "{}: an image of {width} x {height} pixels needs {}; {} of memory are free for it",
-            args.scene.display(),
+            path.display(),
             memory::in_gib(needed),
             memory::in_gib(memory::limit()),
         )));
@@ -166,12 +180,19 @@ fn film(
     Ok(Film::for_render(film, scene, plan.requirements, spp))
 }
 
-fn picture_of(description: &SceneDescription, developed: Developed) -> Image {
+/// The pixels as a picture, with its place in the frame.
+pub(super) fn picture_of(description: &SceneDescription, pixels: Vec<[f32; 3]>) -> Image {
     let [x0, x1, y0, y1] = description.film.pixel_bounds;
     let [full_width, full_height] = description.film.resolution;
-    let mut image = Image::new(x1 - x0, y1 - y0, developed.pixels);
+    let mut image = Image::new(x1 - x0, y1 - y0, pixels);
     image.window = DataWindow { x: x0 as i32, y: y0 as i32, full_width, full_height };
     image
+}
+
+/// Seconds in each stage that took any.
+pub(super) fn stages(stats: &Stats) -> Vec<(String, f64)> {
+    let seconds = |stage: Stage| (stage.name().to_string(), stats.stages[stage as usize].as_secs_f64());
+    Stage::ALL.into_iter().map(seconds).filter(|(_, seconds)| *seconds > 0.0).collect()
 }
 
 fn report(
@@ -195,11 +216,7 @@ fn report(
         setup_seconds: setup.as_secs_f64(),
         samples: developed.samples,
         rays: Rays { camera: stats.camera_rays, bounce: stats.bounce_rays, shadow: stats.shadow_rays },
-        stages: Stage::ALL
-            .into_iter()
-            .map(|stage| (stage.name().to_string(), stats.stages[stage as usize].as_secs_f64()))
-            .filter(|(_, seconds)| *seconds > 0.0)
-            .collect(),
+        stages: stages(stats),
         invalid_samples: developed.invalid,
         estimated_relmse: developed.relmse,
         peak_memory_bytes: machine::peak_memory_bytes(),
