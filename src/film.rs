@@ -7,6 +7,9 @@
 //! below the rounding of an `f32` for anything that can be seen, and there is room above for 2^25 samples that are
 //! each 2^38 times brighter than that light.
 
+pub mod live_error;
+
+use rayon::prelude::*;
 use std::sync::Mutex;
 use wavepath_kernels::generate::{BLOCK_PIXELS, BLOCK_SIDE, PixelBlock};
 use wavepath_kernels::queue::Requirements;
@@ -213,6 +216,15 @@ impl Film {
         Film::new(film.resolution[0], film.pixel_bounds, replicates, quantum, requirements)
     }
 
+    /// Replicates that [`Film::for_render`] keeps of each pixel.
+    pub fn replicates_for_render(
+        film: &crate::scene::Film,
+        requirements: Requirements,
+        spp: Option<u32>,
+    ) -> u32 {
+        replicates_for(spp, pixels_in(film.pixel_bounds), requirements)
+    }
+
     /// Bytes that [`Film::for_render`] takes.
     pub fn bytes_for_render(film: &crate::scene::Film, requirements: Requirements, spp: Option<u32>) -> u64 {
         let pixels = pixels_in(film.pixel_bounds);
@@ -273,12 +285,19 @@ impl Film {
 
     /// The estimate of the error alone; none with fewer than two replicates.
     pub fn error(&self) -> Option<ErrorEstimate> {
+        // Summed in the order of the blocks, so that threads change nothing.
+        let errors: Vec<ErrorSum> =
+            (0..self.blocks.len()).into_par_iter().map(|block| self.error_of_block(block).0).collect();
         let mut error = ErrorSum::default();
-        for (block, state) in self.blocks.iter().zip(&self.state) {
-            let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            error.merge(&self.block_error(&state, block));
-        }
+        errors.iter().for_each(|block| error.merge(block));
         error.estimate()
+    }
+
+    /// The error of a block, and the samples of each of its pixels.
+    fn error_of_block(&self, block: usize) -> (ErrorSum, u64) {
+        let state = self.state[block].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let samples = state.samples.iter().map(|&n| n as u64).sum();
+        (self.block_error(&state, &self.blocks[block]), samples)
     }
 
     /// Variance and number of samples of each pixel.

@@ -31,6 +31,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "TIME", value_parser = parse::duration, allow_hyphen_values = true)]
     pub time: Option<Duration>,
 
+    /// End when the estimated relMSE is this small, such as 0.005 [without --spp: at 1048576 spp at the latest]
+    #[arg(long, value_name = "RELMSE", value_parser = parse::error, allow_hyphen_values = true)]
+    pub error: Option<f64>,
+
     /// How paths are executed
     #[arg(long, value_enum, default_value_t = Engine::Wavefront)]
     pub engine: Engine,
@@ -63,6 +67,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "STOPS", default_value = "0", value_parser = parse::stops,
           allow_hyphen_values = true)]
     pub exposure: f32,
+
+    /// Add each pixel's standard error (stderr.R, .G, .B) and number of samples (samples) to the EXR
+    #[arg(long)]
+    pub layers: bool,
 
     /// How the light of spheres is sampled
     #[arg(long, value_enum, default_value_t = SphericalLights::Cone)]
@@ -255,7 +263,7 @@ mod tests {
     #[test]
     fn render_takes_every_fixed_name() {
         let args: RenderArgs = parse(
-            "a.pbrt -o b.exr --spp 16 --time 1.5m --engine megakernel --sampler independent \
+            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --layers --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
              --spherical-lights area --traversal mixed --report c.json --quiet",
         )
@@ -265,6 +273,7 @@ mod tests {
             output: Some("b.exr".into()),
             spp: Some(16),
             time: Some(Duration::from_secs(90)),
+            error: Some(0.01),
             engine: Engine::Megakernel,
             sampler: Some(SamplerChoice::Independent),
             threads: Some(3),
@@ -272,6 +281,7 @@ mod tests {
             batch: Some(4096),
             resolution: Some(Resolution { width: 640, height: 480 }),
             exposure: -1.5,
+            layers: true,
             spherical_lights: SphericalLights::Area,
             traversal: Traversal::Mixed,
             report: Some("c.json".into()),
@@ -295,6 +305,8 @@ mod tests {
             ("a.pbrt --spp -4", "--spp"),
             ("a.pbrt --time soon", "such as 30s"),
             ("a.pbrt --time -3s", "--time"),
+            ("a.pbrt --error 0", "found \"0\"; expected a relMSE that is more than zero"),
+            ("a.pbrt --error -1", "--error"),
             ("a.pbrt --engine gpu", "wavefront, megakernel"),
             ("a.pbrt --resolution 0x0", "from 1 to 65536"),
             ("a.pbrt --batch 1", "from 64 to 1048576"),

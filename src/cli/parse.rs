@@ -64,6 +64,13 @@ pub fn spp(text: &str) -> Result<u32, String> {
     count(text, 1..=1 << 31).map(|spp| spp as u32)
 }
 
+/// A relMSE to reach.
+pub fn error(text: &str) -> Result<f64, String> {
+    let expected = || format!("found \"{text}\"; expected a relMSE that is more than zero, such as 0.005");
+    let error: f64 = text.trim().parse().map_err(|_| expected())?;
+    if error.is_finite() && error > 0.0 { Ok(error) } else { Err(expected()) }
+}
+
 /// Runs with a seed each.
 pub fn seeds(text: &str) -> Result<usize, String> {
     count(text, 1..=1000).map(|seeds| seeds as usize)
@@ -174,6 +181,19 @@ mod tests {
             assert_eq!(error, "expected a whole number from 1 to 2147483648", "{wrong}");
         }
         assert!(threads("4097").is_err() && batch("63").is_err() && batch("1048577").is_err());
+    }
+
+    #[test]
+    fn errors_are_positive_and_finite() {
+        assert_eq!(error("0.005"), Ok(0.005));
+        assert_eq!(error("5e-4"), Ok(5e-4));
+        for wrong in ["0", "-0", "-1", "nan", "inf", "1e400", "1 %", ""] {
+            let message = error(wrong).unwrap_err();
+            assert_eq!(
+                message,
+                format!("found \"{wrong}\"; expected a relMSE that is more than zero, such as 0.005")
+            );
+        }
     }
 
     #[test]

@@ -10,12 +10,14 @@ use wavepath_kernels::isa::Level;
 use super::args::{Engine, RenderArgs, SamplerChoice, SphericalLights, Traversal};
 use super::{Failure, output};
 use crate::engine::schedule::Stop;
+use crate::engine::session::{Ended, MOST_SPP, Session};
 use crate::engine::stats::{Stage, Stats};
-use crate::engine::{self, EngineKind, Settings, Tree, wavefront};
-use crate::film::{Developed, Film};
+use crate::engine::{Done, EngineKind, Settings, Tree, wavefront};
+use crate::film::live_error::LiveError;
+use crate::film::{Developed, Film, PixelStatistics};
 use crate::machine;
 use crate::memory;
-use crate::picture::{self, DataWindow, Image};
+use crate::picture::{self, Channel, DataWindow, Image, Samples};
 use crate::plan::Plan;
 use crate::progress::Progress;
 use crate::report::{Rays, Report};
@@ -53,6 +55,12 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     };
     if let Some(path) = &args.output {
         output::check_image(path)?;
+        if args.layers && picture::ImageFormat::from_path(path)? != picture::ImageFormat::Exr {
+            return Err(Failure::Usage(format!(
+                "--layers: \"{}\" has no room for them; expected a name ending in .exr",
+                path.display()
+            )));
+        }
     }
     if let Some(path) = &args.report {
         output::check_report(path)?;
@@ -69,9 +77,12 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     };
     let plan = Plan::new(&scene);
     let settings = settings(args, &description);
-    // A time limit alone renders for that time; otherwise the scene's samples are the limit.
-    let spp = args.spp.or(args.time.is_none().then_some(description.sampler.pixel_samples));
-    let film = film(&args.scene, &description, &scene, &plan, spp)?;
+    // A time limit or an error alone is the end; otherwise the scene's samples are.
+    let open = args.time.is_some() || args.error.is_some();
+    let spp = args.spp.or((!open).then_some(description.sampler.pixel_samples));
+    // What must know its error from the first samples on has all replicates, whatever the limit.
+    let film_spp = spp.filter(|_| args.error.is_none());
+    let film = film(&args.scene, &description, &scene, &plan, film_spp)?;
     let tree = Tree::build(settings.engine, &scene);
     let interrupted = crate::interrupt::flag()
         .map_err(|error| Failure::Work(format!("cannot watch for Ctrl-C: {error}")))?;
@@ -79,16 +90,27 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let setup = started.elapsed();
 
     let total = spp.map(|spp| spp as u64 * film.pixels());
-    let progress = Progress::new(total, args.time, args.quiet);
-    let (stats, seconds) = engine::render(&scene, &plan, &tree, &film, &settings, stop, |done| {
-        progress.update(done.samples.load(Ordering::Relaxed), done.rays.load(Ordering::Relaxed), None);
-    })
-    .map_err(|error| Failure::Work(format!("cannot start {} threads: {error}", settings.threads)))?;
+    let progress = Progress::new(total, args.time, args.error, args.quiet);
+    let mut live = LiveError::new(&film, settings.threads);
+    let watch = |done: &Done| {
+        let samples = done.samples.load(Ordering::Relaxed);
+        let error = if progress.is_visible() { live.update(samples) } else { None };
+        progress.update(samples, done.rays.load(Ordering::Relaxed), error);
+    };
+    let mut session = Session::new(&scene, &plan, &tree, &film, &settings, stop)
+        .map_err(|error| Failure::Work(format!("cannot start {} threads: {error}", settings.threads)))?;
+    let ended = match args.error {
+        Some(error) => session.run_to_error(error, args.time, watch),
+        None => session.run(args.time, watch),
+    };
     progress.finish();
 
     let developed = film.develop();
-    let report = report(args, &settings, &film, &developed, &stats, setup, seconds);
+    let report = report(args, &settings, &film, &developed, &session, setup, ended);
     let mut image = picture_of(&description, developed.pixels);
+    if args.layers {
+        image.channels = layers(&film.statistics());
+    }
     image.metadata.report = Some(report.to_json());
     picture::write(&image_path, &image, args.exposure).map_err(|error| Failure::Work(error.to_string()))?;
     if let Some(path) = &args.report {
@@ -97,6 +119,12 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if !args.quiet {
         if interrupted.load(Ordering::Relaxed) {
             eprintln!("interrupted: wrote what was done");
+        }
+        if let (Some(error), Ended::Samples) = (args.error, ended) {
+            eprintln!(
+                "--error {error} was not reached: the limit is {} samples a pixel",
+                spp.unwrap_or(MOST_SPP)
+            );
         }
         println!("{report}");
         println!("wrote {}", image_path.display());
@@ -195,15 +223,27 @@ pub(super) fn stages(stats: &Stats) -> Vec<(String, f64)> {
     Stage::ALL.into_iter().map(seconds).filter(|(_, seconds)| *seconds > 0.0).collect()
 }
 
+/// Standard error and samples of each pixel, as channels of an EXR.
+fn layers(statistics: &PixelStatistics) -> Vec<Channel> {
+    let colours = ["stderr.R", "stderr.G", "stderr.B"].into_iter().enumerate();
+    let colours = colours.map(|(index, name)| Channel {
+        name: name.into(),
+        samples: Samples::Float(statistics.variance.iter().map(|colour| colour[index].sqrt()).collect()),
+    });
+    let samples = Channel { name: "samples".into(), samples: Samples::Uint(statistics.samples.clone()) };
+    colours.chain([samples]).collect()
+}
+
 fn report(
     args: &RenderArgs,
     settings: &Settings,
     film: &Film,
     developed: &Developed,
-    stats: &Stats,
+    session: &Session,
     setup: Duration,
-    seconds: Duration,
+    ended: Ended,
 ) -> Report {
+    let stats = session.stats();
     let [x0, x1, y0, y1] = film.bounds;
     let wavefront = settings.engine == EngineKind::Wavefront;
     Report {
@@ -212,13 +252,15 @@ fn report(
         width: x1 - x0,
         height: y1 - y0,
         spp: developed.samples as f64 / film.pixels() as f64,
-        seconds: seconds.as_secs_f64(),
+        seconds: session.elapsed().as_secs_f64(),
         setup_seconds: setup.as_secs_f64(),
         samples: developed.samples,
         rays: Rays { camera: stats.camera_rays, bounce: stats.bounce_rays, shadow: stats.shadow_rays },
         stages: stages(stats),
         invalid_samples: developed.invalid,
         estimated_relmse: developed.relmse,
+        estimated_relmse_interval: developed.relmse_interval,
+        stopped_by: Some(ended.name().to_string()),
         peak_memory_bytes: machine::peak_memory_bytes(),
         threads: settings.threads,
         batch: wavefront.then_some(settings.batch),

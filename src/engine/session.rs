@@ -155,7 +155,10 @@ impl<'a> Session<'a> {
             if ended != Ended::Samples {
                 return ended;
             }
-            let estimate = self.film.error().map(|estimate| estimate.relmse);
+            // Looking is a part of the work that an error costs.
+            let looking = Instant::now();
+            let estimate = self.pool.install(|| self.film.error()).map(|estimate| estimate.relmse);
+            self.elapsed += looking.elapsed();
             if estimate.is_some_and(|estimate| estimate <= error) {
                 return Ended::Error;
             }
