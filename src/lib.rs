@@ -9,6 +9,7 @@
 //! | [`film`] | sums samples exactly, in any order |
 //! | [`picture`], [`report`], [`compare`] | image files, the record of a render, error measures |
 //! | [`converge`] | error against run time of several variants: figures, plots, a page |
+//! | [`tev`] | shows a render in a viewer while it goes on |
 //! | [`meshes`] | makes meshes by procedure |
 //! | [`cli`] | the command |
 //!
@@ -33,3 +34,4 @@ pub mod plan;
 pub mod progress;
 pub mod report;
 pub mod scene;
+pub mod tev;

@@ -72,6 +72,10 @@ pub struct RenderArgs {
     #[arg(long)]
     pub layers: bool,
 
+    /// Show the picture in the viewer tev as it goes on, such as localhost:14158
+    #[arg(long, value_name = "HOST:PORT", value_parser = parse::host_and_port)]
+    pub tev: Option<String>,
+
     /// How the light of spheres is sampled
     #[arg(long, value_enum, default_value_t = SphericalLights::Cone)]
     pub spherical_lights: SphericalLights,
@@ -263,7 +267,7 @@ mod tests {
     #[test]
     fn render_takes_every_fixed_name() {
         let args: RenderArgs = parse(
-            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --layers --engine megakernel --sampler independent \
+            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --layers --tev localhost:14158 --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
              --spherical-lights area --traversal mixed --report c.json --quiet",
         )
@@ -282,6 +286,7 @@ mod tests {
             resolution: Some(Resolution { width: 640, height: 480 }),
             exposure: -1.5,
             layers: true,
+            tev: Some("localhost:14158".into()),
             spherical_lights: SphericalLights::Area,
             traversal: Traversal::Mixed,
             report: Some("c.json".into()),

@@ -71,6 +71,16 @@ pub fn error(text: &str) -> Result<f64, String> {
     if error.is_finite() && error > 0.0 { Ok(error) } else { Err(expected()) }
 }
 
+/// A viewer: `HOST:PORT`.
+pub fn host_and_port(text: &str) -> Result<String, String> {
+    let expected = || format!("found \"{text}\"; expected HOST:PORT, such as localhost:14158");
+    let (host, port) = text.rsplit_once(':').ok_or_else(expected)?;
+    match whole(port, 1..=65_535) {
+        Ok(_) if !host.is_empty() && !port.is_empty() => Ok(text.into()),
+        _ => Err(expected()),
+    }
+}
+
 /// Runs with a seed each.
 pub fn seeds(text: &str) -> Result<usize, String> {
     count(text, 1..=1000).map(|seeds| seeds as usize)
@@ -193,6 +203,16 @@ mod tests {
                 message,
                 format!("found \"{wrong}\"; expected a relMSE that is more than zero, such as 0.005")
             );
+        }
+    }
+
+    #[test]
+    fn viewers_have_a_port() {
+        assert_eq!(host_and_port("localhost:14158"), Ok("localhost:14158".into()));
+        assert_eq!(host_and_port("[::1]:80"), Ok("[::1]:80".into()));
+        for wrong in ["", "localhost", ":80", "localhost:", "localhost:0", "localhost:65536", "a:b"] {
+            let message = format!("found \"{wrong}\"; expected HOST:PORT, such as localhost:14158");
+            assert_eq!(host_and_port(wrong), Err(message));
         }
     }
 

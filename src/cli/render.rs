@@ -22,6 +22,7 @@ use crate::plan::Plan;
 use crate::progress::Progress;
 use crate::report::{Rays, Report};
 use crate::scene::{self, SamplerKind, SceneDescription};
+use crate::tev::Tev;
 use wavepath_kernels::scene::Scene;
 
 /// Reads a scene and builds its tables; warnings go to standard error unless `quiet`.
@@ -91,11 +92,13 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
 
     let total = spp.map(|spp| spp as u64 * film.pixels());
     let progress = Progress::new(total, args.time, args.error, args.quiet);
+    let mut viewer = Viewer::open(args, &film);
     let mut live = LiveError::new(&film, settings.threads);
     let watch = |done: &Done| {
         let samples = done.samples.load(Ordering::Relaxed);
         let error = if progress.is_visible() { live.update(samples) } else { None };
         progress.update(samples, done.rays.load(Ordering::Relaxed), error);
+        viewer.show(false);
     };
     let mut session = Session::new(&scene, &plan, &tree, &film, &settings, stop)
         .map_err(|error| Failure::Work(format!("cannot start {} threads: {error}", settings.threads)))?;
@@ -104,6 +107,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         None => session.run(args.time, watch),
     };
     progress.finish();
+    viewer.show(true);
 
     let developed = film.develop();
     let report = report(args, &settings, &film, &developed, &session, setup, ended);
@@ -130,6 +134,44 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         println!("wrote {}", image_path.display());
     }
     Ok(())
+}
+
+/// The viewer that `--tev` names. What goes wrong with it is told once, and the render goes on.
+struct Viewer<'a> {
+    tev: Option<Tev>,
+    film: &'a Film,
+    quiet: bool,
+}
+
+impl<'a> Viewer<'a> {
+    fn open(args: &RenderArgs, film: &'a Film) -> Self {
+        let mut viewer = Viewer { tev: None, film, quiet: args.quiet };
+        if let Some(address) = &args.tev {
+            let [x0, x1, y0, y1] = film.bounds;
+            let name = args.scene.display().to_string();
+            match Tev::connect(address, &name, x1 - x0, y1 - y0) {
+                Ok(tev) => viewer.tev = Some(tev),
+                Err(error) => viewer.warn(&format!("no tev at {address}: {error}")),
+            }
+        }
+        viewer
+    }
+
+    /// Shows the film, if it is time, or in any case.
+    fn show(&mut self, now: bool) {
+        let Some(tev) = self.tev.as_mut().filter(|tev| now || tev.is_due()) else { return };
+        let started = Instant::now();
+        if let Err(error) = tev.show(&self.film.develop().pixels, started) {
+            self.tev = None;
+            self.warn(&format!("tev is gone: {error}"));
+        }
+    }
+
+    fn warn(&self, message: &str) {
+        if !self.quiet {
+            eprintln!("warning: {message}; the render goes on");
+        }
+    }
 }
 
 /// The file that the scene names, or one named after the scene, in the current folder.
