@@ -353,8 +353,26 @@ impl Film {
 
     fn block_error(&self, state: &FilmBlock, block: &PixelBlock) -> ErrorSum {
         let mut error = ErrorSum::default();
-        let errors = (0..block.pixels()).filter_map(|pixel| self.replicates(state, pixel).relative_error());
-        errors.for_each(|pixel| error.add(pixel));
+        if state.samples.iter().filter(|n| **n > 0).count() < 2 {
+            return error;
+        }
+        let pixels: Vec<Replicates> =
+            (0..block.pixels()).map(|pixel| self.replicates(state, pixel)).collect();
+        let variance: Vec<[f64; 3]> = pixels.iter().map(Replicates::variance).collect();
+        let mut places = [[usize::MAX; BLOCK_SIDE]; BLOCK_SIDE];
+        for pixel in 0..block.pixels() {
+            places[block.rows[pixel] as usize][block.columns[pixel] as usize] = pixel;
+        }
+        for (pixel, own) in pixels.iter().enumerate() {
+            let near = |at: u32| at.saturating_sub(REACH) as usize..BLOCK_SIDE.min((at + REACH) as usize + 1);
+            let mut around = Neighbourhood::default();
+            for row in &places[near(block.rows[pixel])] {
+                for &place in row[near(block.columns[pixel])].iter().filter(|place| **place != usize::MAX) {
+                    around.add(&pixels[place], &variance[place]);
+                }
+            }
+            error.add(own.relative_error(&around));
+        }
         error
     }
 }
@@ -389,36 +407,84 @@ impl Replicates {
         })
     }
 
-    /// Squared error of the mean relative to the truth, mean over the channels; none if there are fewer than two.
+    /// What all replicates but one add up to: weight and radiance.
+    fn others(&self) -> impl Iterator<Item = (f64, [f64; 3])> {
+        let weight: f64 = self.weight[..self.count].iter().sum();
+        let total: [f64; 3] =
+            core::array::from_fn(|c| self.radiance[..self.count].iter().map(|sum| sum[c]).sum());
+        (0..self.count)
+            .map(move |k| (weight - self.weight[k], core::array::from_fn(|c| total[c] - self.radiance[k][c])))
+    }
+
+    /// Squared error of the mean relative to the truth, mean over the channels.
     ///
     /// Each replicate is held against all others, which stand for the reference. With a variance of s a sample, the
     /// means of n and of m samples differ by s (1/n + 1/m) in the mean square; the variance of the mean of all is
     /// s / (n + m). What the error is relative to is the mean of the others, too: relative to a mean that a firefly is
     /// part of, no firefly has an error above 1. (That was tried: it stated a quarter of the true error of a Cornell
     /// box with caustics.)
-    fn relative_error(&self) -> Option<f64> {
-        if self.count < 2 {
-            return None;
-        }
-        let used = 0..self.count;
-        let samples: f64 = self.samples[used.clone()].iter().sum();
-        let weight: f64 = self.weight[used.clone()].iter().sum();
+    ///
+    /// Where few of the samples find any light, most of the means of the others are too dark, and errors relative to
+    /// them too large: up to seven times at 64 spp. There the means over the neighbourhood stand in, as far as pixel
+    /// and neighbourhood differ by no more than noise.
+    fn relative_error(&self, around: &Neighbourhood) -> f64 {
+        let samples: f64 = self.samples[..self.count].iter().sum();
         let mut sum = 0.0;
-        for c in 0..3 {
-            let total: f64 = used.clone().map(|k| self.radiance[k][c]).sum();
-            for k in used.clone() {
-                let others = weight - self.weight[k];
-                // Where negative lobes outweigh the rest there is no mean to speak of.
-                if self.weight[k] > 0.0 && others > 0.0 {
-                    let mean = self.radiance[k][c] / self.weight[k];
-                    let reference = (total - self.radiance[k][c]) / others;
-                    let share = self.samples[k] * (samples - self.samples[k]) / (samples * samples);
-                    sum += share * (mean - reference).powi(2)
-                        / (reference * reference + crate::compare::EPSILON);
-                }
+        for (k, (others, total)) in self.others().enumerate() {
+            // Where negative lobes outweigh the rest there is no mean to speak of.
+            if self.weight[k] <= 0.0 || others <= 0.0 {
+                continue;
+            }
+            let share = self.samples[k] * (samples - self.samples[k]) / (samples * samples);
+            for c in 0..3 {
+                let mean = self.radiance[k][c] / self.weight[k];
+                let reference = total[c] / others;
+                let relative_to = around.blend(k, c, reference);
+                sum += share * (mean - reference).powi(2)
+                    / (relative_to * relative_to + crate::compare::EPSILON);
             }
         }
-        Some(sum / (3 * self.count) as f64)
+        sum / (3 * self.count) as f64
+    }
+}
+
+/// How far a neighbourhood reaches, in pixels; it ends with the block.
+const REACH: u32 = 2;
+
+/// The pixels around one, by the replicate that is left out.
+#[derive(Default)]
+struct Neighbourhood {
+    pixels: f64,
+    weight: [f64; MOST_REPLICATES],
+    radiance: [[f64; 3]; MOST_REPLICATES],
+    variance: [f64; 3],
+}
+
+impl Neighbourhood {
+    fn add(&mut self, pixel: &Replicates, variance: &[f64; 3]) {
+        self.pixels += 1.0;
+        for (k, (weight, radiance)) in pixel.others().enumerate() {
+            self.weight[k] += weight;
+            for c in 0..3 {
+                self.radiance[k][c] += radiance[c];
+            }
+        }
+        for c in 0..3 {
+            self.variance[c] += variance[c];
+        }
+    }
+
+    /// Between a pixel's mean and that of the neighbourhood, without replicate `k`: the more of their distance can be
+    /// noise, the nearer to the latter.
+    fn blend(&self, k: usize, c: usize, pixel: f64) -> f64 {
+        let variance = self.variance[c] / self.pixels;
+        if variance.is_nan() || variance <= 0.0 || self.weight[k] <= 0.0 {
+            return pixel;
+        }
+        let around = self.radiance[k][c] / self.weight[k];
+        let distance = (pixel - around).powi(2) / (4.0 * variance);
+        let share = 1.0 / (1.0 + distance * distance);
+        share * around + (1.0 - share) * pixel
     }
 }
 
