@@ -436,9 +436,9 @@ impl Replicates {
                 continue;
             }
             let share = self.samples[k] * (samples - self.samples[k]) / (samples * samples);
-            for c in 0..3 {
+            for (c, total) in total.iter().enumerate() {
                 let mean = self.radiance[k][c] / self.weight[k];
-                let reference = total[c] / others;
+                let reference = total / others;
                 let relative_to = around.blend(k, c, reference);
                 sum += share * (mean - reference).powi(2)
                     / (relative_to * relative_to + crate::compare::EPSILON);
@@ -465,12 +465,12 @@ impl Neighbourhood {
         self.pixels += 1.0;
         for (k, (weight, radiance)) in pixel.others().enumerate() {
             self.weight[k] += weight;
-            for c in 0..3 {
-                self.radiance[k][c] += radiance[c];
+            for (sum, radiance) in self.radiance[k].iter_mut().zip(radiance) {
+                *sum += radiance;
             }
         }
-        for c in 0..3 {
-            self.variance[c] += variance[c];
+        for (sum, variance) in self.variance.iter_mut().zip(variance) {
+            *sum += variance;
         }
     }
 

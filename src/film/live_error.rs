@@ -21,7 +21,7 @@ pub struct LiveError<'a> {
 
 impl<'a> LiveError<'a> {
     /// Share of the time of all threads.
-    pub const SHARE: f64 = 0.01;
+    pub const SHARE: f64 = 0.004;
 
     /// Starts the clock. `threads` are rendering.
     pub fn new(film: &'a Film, threads: usize) -> Self {
