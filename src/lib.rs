@@ -10,6 +10,7 @@
 //! | [`picture`], [`report`], [`compare`] | image files, the record of a render, error measures |
 //! | [`converge`] | error against run time of several variants: figures, plots, a page |
 //! | [`bench`] | measures engines against each other |
+//! | [`tev`] | shows a render in a viewer while it goes on |
 //! | [`meshes`] | makes meshes by procedure |
 //! | [`cli`] | the command |
 //!
@@ -35,3 +36,4 @@ pub mod plan;
 pub mod progress;
 pub mod report;
 pub mod scene;
+pub mod tev;

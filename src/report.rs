@@ -40,6 +40,10 @@ pub struct Report {
     pub invalid_samples: u64,
     /// Estimated relMSE of the picture against the converged one.
     pub estimated_relmse: Option<f64>,
+    /// 95 % interval of that estimate, from the spread over pixels.
+    pub estimated_relmse_interval: Option<[f64; 2]>,
+    /// What ended the render: `samples`, `time`, `error` or `interrupt`; none in reports of earlier versions.
+    pub stopped_by: Option<String>,
     /// Most memory that the process had resident, in bytes.
     pub peak_memory_bytes: Option<u64>,
     /// Worker threads.
@@ -137,9 +141,12 @@ impl fmt::Display for Report {
             let share = 100.0 * share;
             row(f, label, format_args!("{name:<18} {share:>5.1} %  {spent:>9.3} s"))?;
         }
-        match self.estimated_relmse {
-            Some(error) => row(f, "relMSE", format_args!("{error:.3e} (estimated)"))?,
-            None => row(f, "relMSE", "unknown")?,
+        match (self.estimated_relmse, self.estimated_relmse_interval) {
+            (Some(error), Some([low, high])) => {
+                row(f, "relMSE", format_args!("{error:.3e} (estimated; 95 %: {low:.3e} to {high:.3e})"))?;
+            }
+            (Some(error), None) => row(f, "relMSE", format_args!("{error:.3e} (estimated)"))?,
+            (None, _) => row(f, "relMSE", "unknown")?,
         }
         row(f, "invalid samples", self.invalid_samples)?;
         let memory = self.peak_memory_bytes.map_or("unknown".into(), mebibytes);
@@ -248,6 +255,8 @@ mod tests {
             stages: vec![("generate".into(), 1.0), ("a_later_one".into(), 3.0)],
             invalid_samples: 0,
             estimated_relmse: Some(1.25e-3),
+            estimated_relmse_interval: Some([1.2e-3, 1.3e-3]),
+            stopped_by: Some("samples".into()),
             peak_memory_bytes: Some(10 << 20),
             threads: 2,
             batch: Some(4096),
@@ -276,7 +285,8 @@ mod tests {
         assert!(json.contains(r#""spp":64,"#), "{json}");
         assert!(json.contains(r#""stages":{"generate":1.0,"a_later_one":3.0}"#), "{json}");
         assert_eq!(serde_json::from_str::<Report>(&json).unwrap(), report);
-        let adaptive = Report { spp: 12.5, estimated_relmse: None, ..report };
+        let adaptive =
+            Report { spp: 12.5, estimated_relmse: None, estimated_relmse_interval: None, ..report };
         let json = adaptive.to_json();
         assert!(json.contains(r#""spp":12.5,"#) && json.contains(r#""estimated_relmse":null"#));
         assert_eq!(serde_json::from_str::<Report>(&json).unwrap(), adaptive);

@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 
 use super::parse;
+use crate::converge::external::ExternalSpec;
 
 /// Arguments of `wavepath render`.
 ///
@@ -29,6 +30,10 @@ pub struct RenderArgs {
     /// End after this time: 30s, 2m, 1.5h, 500ms
     #[arg(long, value_name = "TIME", value_parser = parse::duration, allow_hyphen_values = true)]
     pub time: Option<Duration>,
+
+    /// End when the estimated relMSE is this small, such as 0.005 [without --spp: at 1048576 spp at the latest]
+    #[arg(long, value_name = "RELMSE", value_parser = parse::error, allow_hyphen_values = true)]
+    pub error: Option<f64>,
 
     /// How paths are executed
     #[arg(long, value_enum, default_value_t = Engine::Wavefront)]
@@ -62,6 +67,14 @@ pub struct RenderArgs {
     #[arg(long, value_name = "STOPS", default_value = "0", value_parser = parse::stops,
           allow_hyphen_values = true)]
     pub exposure: f32,
+
+    /// Add each pixel's standard error (stderr.R, .G, .B) and number of samples (samples) to the EXR
+    #[arg(long)]
+    pub layers: bool,
+
+    /// Show the picture in the viewer tev as it goes on, such as localhost:14158
+    #[arg(long, value_name = "HOST:PORT", value_parser = parse::host_and_port)]
+    pub tev: Option<String>,
 
     /// How the light of spheres is sampled
     #[arg(long, value_enum, default_value_t = SphericalLights::Cone)]
@@ -131,6 +144,56 @@ pub struct CompareArgs {
     /// Write each pixel's relative squared error as an image: values (.exr) or colours (.png)
     #[arg(long, value_name = "FILE.exr|FILE.png")]
     pub map: Option<PathBuf>,
+}
+
+/// Arguments of `wavepath converge`.
+#[derive(Debug, Clone, PartialEq, Args)]
+pub struct ConvergeArgs {
+    /// Scene to render, in pbrt's format
+    #[arg(value_name = "SCENE.pbrt")]
+    pub scene: PathBuf,
+
+    /// Folder for the results; it is made if it is missing
+    #[arg(short, long, value_name = "DIR")]
+    pub output: PathBuf,
+
+    /// The converged picture [default: for each run, the mean of the runs with other seeds]
+    #[arg(long, value_name = "REFERENCE.exr")]
+    pub reference: Option<PathBuf>,
+
+    /// Engines to compare
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Engine::Wavefront, Engine::Megakernel])]
+    pub engines: Vec<Engine>,
+
+    /// Samplers to compare
+    #[arg(long, value_enum, value_delimiter = ',',
+          default_values_t = [SamplerChoice::Sobol, SamplerChoice::Independent])]
+    pub samplers: Vec<SamplerChoice>,
+
+    /// Rendering time of each run: there are engines x samplers x seeds of them
+    #[arg(long, value_name = "TIME", default_value = "10s", value_parser = parse::duration,
+          allow_hyphen_values = true)]
+    pub budget: Duration,
+
+    /// Runs of each engine and sampler, each with a seed of its own
+    #[arg(long, value_name = "N", default_value = "3", value_parser = parse::seeds, allow_hyphen_values = true)]
+    pub seeds: usize,
+
+    /// Picture of another program and the seconds that it took; may be given more than once
+    #[arg(long, value_name = "NAME:SECONDS:FILE.exr", value_parser = crate::converge::external::parse)]
+    pub external: Vec<ExternalSpec>,
+
+    /// Worker threads [default: one per processor]
+    #[arg(long, value_name = "N", value_parser = parse::threads, allow_hyphen_values = true)]
+    pub threads: Option<usize>,
+
+    /// Size of the image in pixels [default: the scene's]
+    #[arg(long, value_name = "WxH", value_parser = parse::resolution)]
+    pub resolution: Option<Resolution>,
+
+    /// Print errors and the table only
+    #[arg(long)]
+    pub quiet: bool,
 }
 
 /// How paths are executed.
@@ -217,7 +280,7 @@ mod tests {
     #[test]
     fn render_takes_every_fixed_name() {
         let args: RenderArgs = parse(
-            "a.pbrt -o b.exr --spp 16 --time 1.5m --engine megakernel --sampler independent \
+            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --layers --tev localhost:14158 --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
              --spherical-lights area --traversal mixed --report c.json --quiet",
         )
@@ -227,6 +290,7 @@ mod tests {
             output: Some("b.exr".into()),
             spp: Some(16),
             time: Some(Duration::from_secs(90)),
+            error: Some(0.01),
             engine: Engine::Megakernel,
             sampler: Some(SamplerChoice::Independent),
             threads: Some(3),
@@ -234,6 +298,8 @@ mod tests {
             batch: Some(4096),
             resolution: Some(Resolution { width: 640, height: 480 }),
             exposure: -1.5,
+            layers: true,
+            tev: Some("localhost:14158".into()),
             spherical_lights: SphericalLights::Area,
             traversal: Traversal::Mixed,
             report: Some("c.json".into()),
@@ -257,6 +323,8 @@ mod tests {
             ("a.pbrt --spp -4", "--spp"),
             ("a.pbrt --time soon", "such as 30s"),
             ("a.pbrt --time -3s", "--time"),
+            ("a.pbrt --error 0", "found \"0\"; expected a relMSE that is more than zero"),
+            ("a.pbrt --error -1", "--error"),
             ("a.pbrt --engine gpu", "wavefront, megakernel"),
             ("a.pbrt --resolution 0x0", "from 1 to 65536"),
             ("a.pbrt --batch 1", "from 64 to 1048576"),
@@ -277,6 +345,13 @@ mod tests {
         assert_eq!((bench.scenes.len(), bench.json), (2, false));
         let compare: CompareArgs = parse("a.exr b.exr --map c.png").unwrap();
         assert_eq!(compare.map, Some("c.png".into()));
+        let converge: ConvergeArgs =
+            parse("a.pbrt --engines megakernel --budget 2m --external b:1:b.exr -o c").unwrap();
+        assert_eq!((converge.engines, converge.samplers.len()), (vec![Engine::Megakernel], 2));
+        assert_eq!((converge.budget, converge.seeds), (Duration::from_secs(120), 3));
+        assert_eq!(converge.external[0].name, "b");
+        let error = parse::<ConvergeArgs>("a.pbrt --seeds 0 -o c").unwrap_err();
+        assert!(error.to_string().contains("from 1 to 1000"), "{error}");
         let error = parse::<CompareArgs>("a.exr").unwrap_err();
         assert_eq!(error.kind(), ErrorKind::MissingRequiredArgument);
         assert!(super::super::Cli::try_parse_from(["wavepath", "paint"]).is_err());

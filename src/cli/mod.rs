@@ -9,6 +9,7 @@
 pub mod args;
 mod bench;
 mod compare;
+mod converge;
 mod failure;
 pub mod output;
 mod parse;
@@ -41,6 +42,8 @@ pub enum Command {
     Bench(args::BenchArgs),
     /// Compare an image with a reference and print the error measures
     Compare(args::CompareArgs),
+    /// Measure the error of engines and samplers against their run time
+    Converge(args::ConvergeArgs),
 }
 
 impl Cli {
@@ -59,6 +62,7 @@ impl Cli {
             },
             Command::Bench(args) => bench::run(args),
             Command::Compare(args) => compare::run(args),
+            Command::Converge(args) => converge::run(args),
         }
     }
 }

@@ -64,6 +64,28 @@ pub fn spp(text: &str) -> Result<u32, String> {
     count(text, 1..=1 << 31).map(|spp| spp as u32)
 }
 
+/// A relMSE to reach.
+pub fn error(text: &str) -> Result<f64, String> {
+    let expected = || format!("found \"{text}\"; expected a relMSE that is more than zero, such as 0.005");
+    let error: f64 = text.trim().parse().map_err(|_| expected())?;
+    if error.is_finite() && error > 0.0 { Ok(error) } else { Err(expected()) }
+}
+
+/// A viewer: `HOST:PORT`.
+pub fn host_and_port(text: &str) -> Result<String, String> {
+    let expected = || format!("found \"{text}\"; expected HOST:PORT, such as localhost:14158");
+    let (host, port) = text.rsplit_once(':').ok_or_else(expected)?;
+    match whole(port, 1..=65_535) {
+        Ok(_) if !host.is_empty() && !port.is_empty() => Ok(text.into()),
+        _ => Err(expected()),
+    }
+}
+
+/// Runs with a seed each.
+pub fn seeds(text: &str) -> Result<usize, String> {
+    count(text, 1..=1000).map(|seeds| seeds as usize)
+}
+
 /// Worker threads.
 pub fn threads(text: &str) -> Result<usize, String> {
     count(text, 1..=4096).map(|threads| threads as usize)
@@ -174,6 +196,29 @@ mod tests {
             assert_eq!(error, "expected a whole number from 1 to 2147483648", "{wrong}");
         }
         assert!(threads("4097").is_err() && batch("63").is_err() && batch("1048577").is_err());
+    }
+
+    #[test]
+    fn errors_are_positive_and_finite() {
+        assert_eq!(error("0.005"), Ok(0.005));
+        assert_eq!(error("5e-4"), Ok(5e-4));
+        for wrong in ["0", "-0", "-1", "nan", "inf", "1e400", "1 %", ""] {
+            let message = error(wrong).unwrap_err();
+            assert_eq!(
+                message,
+                format!("found \"{wrong}\"; expected a relMSE that is more than zero, such as 0.005")
+            );
+        }
+    }
+
+    #[test]
+    fn viewers_have_a_port() {
+        assert_eq!(host_and_port("localhost:14158"), Ok("localhost:14158".into()));
+        assert_eq!(host_and_port("[::1]:80"), Ok("[::1]:80".into()));
+        for wrong in ["", "localhost", ":80", "localhost:", "localhost:0", "localhost:65536", "a:b"] {
+            let message = format!("found \"{wrong}\"; expected HOST:PORT, such as localhost:14158");
+            assert_eq!(host_and_port(wrong), Err(message));
+        }
     }
 
     #[test]

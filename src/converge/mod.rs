@@ -13,8 +13,8 @@
 //! | [`html`] | one page with all of it and a viewer for the images, which opens without a network |
 //! | [`files`] | the folder with all of these and `converge.json` |
 //!
-//! [`statistics`], [`curve`] and [`bias`] hold the methods, [`external`] reads pictures of other programs from the
-//! command line.
+//! [`statistics`], [`curve`] and [`bias`] hold the methods, [`replicates`] makes a reference where there is none,
+//! [`external`] reads pictures of other programs from the command line.
 
 pub mod bias;
 pub mod csv;
@@ -26,6 +26,7 @@ pub mod files;
 pub mod html;
 mod pictures;
 pub mod plots;
+pub mod replicates;
 mod sentences;
 pub mod statistics;
 pub mod summary;

@@ -5,6 +5,7 @@
 
 pub mod megakernel;
 pub mod schedule;
+pub mod session;
 pub mod stats;
 pub mod wavefront;
 
@@ -12,10 +13,11 @@ use crate::film::{BlockSums, Film};
 use crate::plan::Plan;
 use crate::scene::SamplerKind;
 use schedule::{Schedule, Stop, Unit};
+use session::Session;
 use stats::Stats;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use wavepath_kernels::intersect::bvh2::NaiveBvh;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::{Accelerator, Closest, Hit, Occluded, Policy, TraversalStack};
@@ -194,21 +196,10 @@ pub fn render(
     stop: Stop,
     watch: impl FnMut(&Done),
 ) -> Result<(Stats, Duration), rayon::ThreadPoolBuildError> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads).build()?;
-    let started = Instant::now();
-    let schedule = Schedule::new(film, settings.threads, stop);
-    let done = Done::default();
-    let job = Job {
-        scene,
-        plan,
-        film,
-        schedule: &schedule,
-        seed: settings.seed,
-        policy: settings.policy,
-        done: &done,
-    };
-    let stats = watched(&done, watch, || execute(&pool, &job, tree, settings));
-    Ok((stats, started.elapsed()))
+    let time = stop.time;
+    let mut session = Session::new(scene, plan, tree, film, settings, stop)?;
+    session.run(time, watch);
+    Ok((session.stats().clone(), session.elapsed()))
 }
 
 /// Runs the engine. Not generic, and not to be inlined into what is: every crate that calls [`render`] would compile

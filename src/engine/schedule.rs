@@ -4,6 +4,8 @@
 //! What a unit computes depends on its number alone; who computes it, and when, changes nothing (see [`crate::film`]).
 
 use crate::film::{Film, unit_paths};
+use std::ops::Range;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
@@ -31,19 +33,22 @@ pub struct Stop {
     pub interrupted: std::sync::Arc<AtomicBool>,
 }
 
-/// Gives out work units.
+/// Gives out work units: all samples of a range, in an order that is good to stop in anywhere.
+///
+/// A schedule may be paused and gone on with: it keeps its place.
 #[derive(Debug)]
 pub struct Schedule {
     blocks: u64,
     replicates: u64,
-    spp: Option<u32>,
+    /// Samples of each pixel.
+    range: Range<u32>,
     /// Samples of a unit, at most.
     chunk: u32,
-    /// Units that grow from one sample on, because the time may end any moment.
+    /// Units that grow from one sample on, because the end may come any moment.
     growing: bool,
     next: AtomicU64,
-    started: Instant,
-    stop: Stop,
+    deadline: Option<Instant>,
+    interrupted: Arc<AtomicBool>,
 }
 
 impl Schedule {
@@ -52,27 +57,50 @@ impl Schedule {
 
     /// For a film, `workers` threads and a rule to stop.
     pub fn new(film: &Film, workers: usize, stop: Stop) -> Self {
+        let end = stop.spp.unwrap_or(u32::MAX);
+        Schedule::of(film, workers, 0..end, stop.time.is_some(), stop.interrupted)
+    }
+
+    /// The samples of a range. If it is `growing`, every pixel gets a few samples soon: for a range that may be left at
+    /// any moment.
+    pub fn of(
+        film: &Film,
+        workers: usize,
+        range: Range<u32>,
+        growing: bool,
+        interrupted: Arc<AtomicBool>,
+    ) -> Self {
         let blocks = film.blocks.len() as u64;
         let replicates = film.replicates as u64;
-        let growing = stop.time.is_some();
-        let mut chunk = Self::CHUNK;
-        if let Some(spp) = stop.spp {
-            // Small renders: enough units that no worker waits long at the end.
-            let per_replicate = spp.div_ceil(film.replicates).max(1);
-            let wanted = 16 * workers as u64;
-            let rounds = wanted.div_ceil(blocks * replicates).clamp(1, per_replicate as u64) as u32;
-            chunk = chunk.min(per_replicate.div_ceil(rounds)).max(1);
+        // Small renders: enough units that no worker waits long at the end.
+        let per_replicate = (range.len() as u32).div_ceil(film.replicates).max(1);
+        let wanted = 16 * workers as u64;
+        let rounds = wanted.div_ceil(blocks * replicates).clamp(1, per_replicate as u64) as u32;
+        let chunk = Self::CHUNK.min(per_replicate.div_ceil(rounds)).max(1);
+        let next = AtomicU64::new(0);
+        Schedule { blocks, replicates, range, chunk, growing, next, deadline: None, interrupted }
+    }
+
+    /// No more units after this moment, but for the first sample of every pixel.
+    pub fn pause_at(&mut self, deadline: Option<Instant>) {
+        self.deadline = deadline;
+    }
+
+    /// Whether all units have been given out.
+    pub fn is_complete(&self) -> bool {
+        let mut next = self.next.load(Ordering::Relaxed);
+        loop {
+            match self.unit(next) {
+                None => return true,
+                Some(Some(_)) => return false,
+                Some(None) => next += 1,
+            }
         }
-        Schedule {
-            blocks,
-            replicates,
-            spp: stop.spp,
-            chunk,
-            growing,
-            next: AtomicU64::new(0),
-            started: Instant::now(),
-            stop,
-        }
+    }
+
+    /// Whether someone asked for an early end.
+    pub fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
     }
 
     /// Paths of the largest unit.
@@ -99,17 +127,15 @@ impl Schedule {
     fn unit(&self, n: u64) -> Option<Option<Unit>> {
         let (turn, block) = (n / self.blocks, n % self.blocks);
         let (round, replicate) = (turn / self.replicates, turn % self.replicates);
+        // How many of the numbers below `n` belong to this replicate.
+        let below = |n: u32| (n as u64 + self.replicates - 1 - replicate) / self.replicates;
+        let (start, end) = (below(self.range.start), below(self.range.end));
         let (first, samples) = self.round(round);
-        let end = match self.spp {
-            None => u32::MAX as u64,
-            // How many of the numbers below spp belong to this replicate.
-            Some(spp) => (spp as u64 + self.replicates - 1 - replicate) / self.replicates,
-        };
-        // The first replicate has the most samples: when it has none left, nobody has.
-        let most = self.spp.map_or(u32::MAX as u64, |spp| (spp as u64).div_ceil(self.replicates));
-        if first >= most {
+        // No replicate has more.
+        if first >= (self.range.len() as u64).div_ceil(self.replicates) {
             return None;
         }
+        let first = start + first;
         let samples = samples.min(end.saturating_sub(first));
         Some((samples > 0).then_some(Unit {
             block: block as usize,
@@ -123,9 +149,9 @@ impl Schedule {
     pub fn take(&self) -> Option<Unit> {
         loop {
             // The first sample of every pixel is taken whatever the rules say, but for an interrupt.
-            let obligatory = self.next.load(Ordering::Relaxed) < self.blocks;
-            let late = self.stop.time.is_some_and(|time| self.started.elapsed() >= time);
-            if self.stop.interrupted.load(Ordering::Relaxed) || late && !obligatory {
+            let obligatory = self.range.start == 0 && self.next.load(Ordering::Relaxed) < self.blocks;
+            let late = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
+            if self.is_interrupted() || late && !obligatory {
                 return None;
             }
             let n = self.next.fetch_add(1, Ordering::Relaxed);
@@ -157,7 +183,7 @@ mod tests {
     #[test]
     fn units_cover_all_samples_once() {
         for (spp, replicates, time) in
-            [(1, 1, None), (7, 2, None), (64, 4, None), (133, 8, Some(Duration::MAX))]
+            [(1, 1, None), (7, 2, None), (64, 4, None), (133, 8, Some(Duration::from_secs(3600)))]
         {
             let film = film(replicates);
             let schedule = Schedule::new(&film, 2, stop(Some(spp), time));
@@ -179,10 +205,33 @@ mod tests {
     #[test]
     fn the_first_sample_is_taken_even_without_time() {
         let film = film(8);
-        let schedule = Schedule::new(&film, 2, stop(None, Some(Duration::ZERO)));
+        let mut schedule = Schedule::new(&film, 2, stop(None, Some(Duration::ZERO)));
+        schedule.pause_at(Some(Instant::now()));
         let units: Vec<Unit> = std::iter::from_fn(|| schedule.take()).collect();
         assert_eq!(units.len(), film.blocks.len());
         assert!(units.iter().all(|u| u.samples == 1));
+    }
+
+    /// Ranges one after another, each paused and gone on with, give each sample once.
+    #[test]
+    fn ranges_follow_each_other_without_gap() {
+        let film = film(4);
+        let mut seen: HashMap<(usize, u32, u32), u32> = HashMap::new();
+        for range in [0..5, 5..6, 6..29, 29..200] {
+            let mut schedule = Schedule::of(&film, 2, range.clone(), range.start == 0, Default::default());
+            let mut first = true;
+            while !schedule.is_complete() {
+                schedule.pause_at(std::mem::take(&mut first).then(Instant::now));
+                while let Some(unit) = schedule.take() {
+                    for index in unit.first..unit.first + unit.samples {
+                        assert!(range.contains(&(index * 4 + unit.replicate)));
+                        *seen.entry((unit.block, unit.replicate, index)).or_default() += 1;
+                    }
+                }
+            }
+        }
+        assert!(seen.values().all(|&n| n == 1));
+        assert_eq!(seen.len(), film.blocks.len() * 200);
     }
 
     #[test]

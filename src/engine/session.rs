@@ -1,0 +1,183 @@
+//! A render that can be paused, looked at and gone on with.
+//!
+//! Whoever measures the error of a render as it goes on pauses it: only what passes inside of [`Session::run`] and
+//! [`Session::run_to_error`] counts as rendering time.
+
+use super::schedule::{Schedule, Stop};
+use super::stats::Stats;
+use super::{Done, Job, Settings, Tree, execute, watched};
+use crate::film::Film;
+use crate::plan::Plan;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+use wavepath_kernels::scene::Scene;
+
+/// Where a render that is to reach an error ends if it does not: samples a pixel.
+pub const MOST_SPP: u32 = 1 << 20;
+
+/// Why a render ended or paused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// All samples are taken.
+    Samples,
+    /// The time is over.
+    Time,
+    /// The estimated error is small enough.
+    Error,
+    /// Someone raised the flag.
+    Interrupt,
+}
+
+impl Ended {
+    /// As reports name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Ended::Samples => "samples",
+            Ended::Time => "time",
+            Ended::Error => "error",
+            Ended::Interrupt => "interrupt",
+        }
+    }
+}
+
+/// A render.
+pub struct Session<'a> {
+    scene: &'a Scene,
+    plan: &'a Plan,
+    tree: &'a Tree<'a>,
+    film: &'a Film,
+    settings: &'a Settings,
+    spp: Option<u32>,
+    interrupted: Arc<AtomicBool>,
+    pool: rayon::ThreadPool,
+    schedule: Schedule,
+    stats: Stats,
+    elapsed: Duration,
+    done: Done,
+}
+
+impl<'a> Session<'a> {
+    /// Starts the threads. `film` is empty, and takes the samples.
+    ///
+    /// Without a time in `stop`, samples are dealt in the order that is fastest if all of them are taken; with one, so
+    /// that the render may end any moment. The time itself is an argument of [`Session::run`].
+    ///
+    /// # Errors
+    /// If the threads cannot be started.
+    pub fn new(
+        scene: &'a Scene,
+        plan: &'a Plan,
+        tree: &'a Tree<'a>,
+        film: &'a Film,
+        settings: &'a Settings,
+        stop: Stop,
+    ) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads).build()?;
+        let (spp, interrupted) = (stop.spp, stop.interrupted.clone());
+        let schedule = Schedule::new(film, settings.threads, stop);
+        let (stats, elapsed, done) = (Stats::default(), Duration::ZERO, Done::default());
+        Ok(Session {
+            scene,
+            plan,
+            tree,
+            film,
+            settings,
+            spp,
+            interrupted,
+            pool,
+            schedule,
+            stats,
+            elapsed,
+            done,
+        })
+    }
+
+    /// What all workers counted so far.
+    pub fn stats(&self) -> &Stats {
+        &self.stats
+    }
+
+    /// Time spent rendering so far.
+    pub fn elapsed(&self) -> Duration {
+        self.elapsed
+    }
+
+    /// Renders until all samples are taken, or until the rendering time is `until` in all; `watch` is called about ten
+    /// times a second meanwhile.
+    pub fn run(&mut self, until: Option<Duration>, watch: impl FnMut(&Done)) -> Ended {
+        let started = Instant::now();
+        // A time too far away for the clock is no limit.
+        let deadline = until.and_then(|until| started.checked_add(until.saturating_sub(self.elapsed)));
+        self.schedule.pause_at(deadline);
+        let job = Job {
+            scene: self.scene,
+            plan: self.plan,
+            film: self.film,
+            schedule: &self.schedule,
+            seed: self.settings.seed,
+            policy: self.settings.policy,
+            done: &self.done,
+        };
+        let stats = watched(&self.done, watch, || execute(&self.pool, &job, self.tree, self.settings));
+        self.stats.merge(&stats);
+        self.elapsed += started.elapsed();
+        if self.schedule.is_interrupted() {
+            Ended::Interrupt
+        } else if self.schedule.is_complete() {
+            Ended::Samples
+        } else {
+            Ended::Time
+        }
+    }
+
+    /// Renders until the film estimates a relMSE of at most `error`, or as [`Session::run`]; without a number of samples
+    /// in the rule, [`MOST_SPP`] are the end.
+    ///
+    /// The film is looked at after whole numbers of samples only, the same in every pixel. Which ones follows from
+    /// what the film says there, so that the same seed ends at the same sample on any number of threads. Looking often
+    /// would stop at the first estimate that is too small by chance: the next look is where the error should be reached
+    /// if it falls as 1 / spp, and at most at twice the samples.
+    pub fn run_to_error(
+        &mut self,
+        error: f64,
+        until: Option<Duration>,
+        mut watch: impl FnMut(&Done),
+    ) -> Ended {
+        let most = self.spp.unwrap_or(MOST_SPP);
+        let (mut from, mut to) = (0, FIRST_LOOK.min(most));
+        loop {
+            let growing = from == 0;
+            let workers = self.settings.threads;
+            self.schedule =
+                Schedule::of(self.film, workers, from..to, growing, Arc::clone(&self.interrupted));
+            let ended = self.run(until, &mut watch);
+            if ended != Ended::Samples {
+                return ended;
+            }
+            // Looking is a part of the work that an error costs.
+            let looking = Instant::now();
+            let estimate = self.pool.install(|| self.film.error()).map(|estimate| estimate.relmse);
+            self.elapsed += looking.elapsed();
+            if estimate.is_some_and(|estimate| estimate <= error) {
+                return Ended::Error;
+            }
+            if to >= most {
+                return Ended::Samples;
+            }
+            let factor = estimate.map_or(2.0, |estimate| (estimate / error).clamp(SMALLEST_STEP, 2.0));
+            (from, to) = (to, next_look(to, factor).min(most));
+        }
+    }
+}
+
+/// Samples a pixel before the film is first asked for its error: one for each replicate.
+const FIRST_LOOK: u32 = 8;
+
+/// The least factor by which the samples grow between two looks.
+const SMALLEST_STEP: f64 = 1.04;
+
+/// At least one sample further.
+fn next_look(spp: u32, factor: f64) -> u32 {
+    ((spp as f64 * factor).ceil() as u32).max(spp.saturating_add(1))
+}

@@ -1,0 +1,179 @@
+//! The error that a render states, against the error that it has.
+
+mod support;
+
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, LazyLock};
+
+use support::{Render, Rendered, SAMPLERS, scenes, shipped, sized};
+use wavepath::compare::compare;
+use wavepath::engine::schedule::Stop;
+use wavepath::engine::session::{Ended, Session};
+use wavepath::engine::{Settings, Tree};
+use wavepath::film::{Developed, Film};
+use wavepath::picture::{self, Image};
+use wavepath::plan::Plan;
+use wavepath::report::Report;
+use wavepath::scene::{self, SamplerKind, SceneDescription, SphericalLights};
+use wavepath_kernels::intersect::Policy;
+use wavepath_kernels::isa::Level;
+
+/// A reference of the project's own, and its own error.
+fn reference(name: &str) -> (Image, f64) {
+    let image = picture::read(&scenes().join(format!("references/{name}.exr"))).unwrap();
+    let report: Report = serde_json::from_str(image.metadata.report.as_deref().unwrap()).unwrap();
+    (image, report.estimated_relmse.unwrap())
+}
+
+fn small(name: &str) -> SceneDescription {
+    sized(shipped(&format!("{name}.pbrt")), 64, 64)
+}
+
+/// Estimated and true relMSE.
+fn errors(rendered: &Rendered, reference: &(Image, f64)) -> (f64, f64) {
+    let measured = compare(&rendered.image, &reference.0).unwrap().relmse;
+    (rendered.developed.relmse.unwrap(), measured - reference.1)
+}
+
+/// Where noise is spread over all pixels, the estimate is the truth within 20 %.
+#[test]
+fn the_estimate_is_calibrated() {
+    for name in ["oren-nayar", "sky-only", "cornell", "inside-emitter"] {
+        let (scene, reference) = (small(name), reference(name));
+        for sampler in SAMPLERS {
+            for spp in [64, 256] {
+                let rendered = Render { sampler, spp: Some(spp), ..Render::default() }.of(&scene);
+                let (estimated, truth) = errors(&rendered, &reference);
+                let ratio = estimated / truth;
+                assert!(
+                    (0.8..1.25).contains(&ratio),
+                    "{name}, {sampler:?}, {spp} spp: {estimated} / {truth}"
+                );
+                let [low, high] = rendered.developed.relmse_interval.unwrap();
+                assert!(low < estimated && estimated < high && high < 1.5 * estimated);
+            }
+        }
+    }
+}
+
+/// The interval covers the mean of the estimates of many seeds about as often as it says.
+#[test]
+fn the_interval_covers() {
+    let scene = sized(shipped("oren-nayar.pbrt"), 32, 32);
+    let estimates: Vec<Developed> = (0..40)
+        .map(|seed| Render { spp: Some(32), seed, ..Render::default() }.of(&scene).developed)
+        .collect();
+    let mean = estimates.iter().map(|e| e.relmse.unwrap()).sum::<f64>() / estimates.len() as f64;
+    let covers = |e: &&Developed| e.relmse_interval.is_some_and(|[low, high]| low <= mean && mean <= high);
+    let covered = estimates.iter().filter(covers).count();
+    // 95 % of 40 is 38; fewer than 33 would happen once in a thousand times.
+    assert!(covered >= 33, "{covered} of 40");
+}
+
+/// All of the shipped scenes, as a table.
+#[test]
+#[ignore = "prints a table, in some minutes"]
+fn table() {
+    println!(
+        "{:<16} {:<12} {:>5} {:>10} {:>10} {:>6}",
+        "scene", "sampler", "spp", "estimated", "true", "ratio"
+    );
+    for name in [
+        "two-spheres",
+        "oren-nayar",
+        "inside-emitter",
+        "sky-only",
+        "cornell",
+        "glass-pane",
+        "depth-of-field",
+        "metals",
+        "spotlight",
+        "many-lights",
+        "wineglass",
+        "caustics",
+    ] {
+        let (scene, reference) = (small(name), reference(name));
+        for sampler in SAMPLERS {
+            for spp in [64, 256, 1024] {
+                let rendered = Render { sampler, spp: Some(spp), ..Render::default() }.of(&scene);
+                let (estimated, truth) = errors(&rendered, &reference);
+                let sampler = format!("{sampler:?}");
+                let ratio = estimated / truth;
+                println!("{name:<16} {sampler:<12} {spp:>5} {estimated:>10.3e} {truth:>10.3e} {ratio:>6.2}");
+            }
+        }
+    }
+}
+
+/// What a render to an error came to.
+struct Stopped {
+    ended: Ended,
+    developed: Developed,
+    image: Image,
+    spp: f64,
+}
+
+fn to_error(scene: &SceneDescription, error: f64, spp: Option<u32>, threads: usize, seed: u64) -> Stopped {
+    static NEVER: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
+    let built = scene::build(scene, SphericalLights::Cone).unwrap();
+    let plan = Plan::new(&built);
+    let engine = Render::default().engine;
+    let tree = Tree::build(engine, &built);
+    let film = Film::for_render(&scene.film, &built, plan.requirements, None);
+    let settings = Settings {
+        engine,
+        sampler: SamplerKind::Sobol,
+        threads,
+        seed,
+        batch: 4096,
+        level: Level::detect(),
+        policy: Policy::Auto,
+    };
+    let stop = Stop { spp, time: None, interrupted: NEVER.clone() };
+    let mut session = Session::new(&built, &plan, &tree, &film, &settings, stop).unwrap();
+    let ended = session.run_to_error(error, None, |_| ());
+    let developed = film.develop();
+    let [width, height] = scene.film.resolution;
+    let image = Image::new(width, height, developed.pixels.clone());
+    let spp = developed.samples as f64 / film.pixels() as f64;
+    Stopped { ended, developed, image, spp }
+}
+
+/// A render to an error has that error, within 25 %, and ends at the same sample on any number of threads.
+#[test]
+fn an_error_is_reached() {
+    for (name, error) in [("oren-nayar", 4e-4), ("sky-only", 1e-3), ("cornell", 0.01)] {
+        let (scene, (reference, own)) = (small(name), reference(name));
+        for seed in [1, 2] {
+            let stopped = to_error(&scene, error, None, 2, seed);
+            let truth = compare(&stopped.image, &reference).unwrap().relmse - own;
+            assert_eq!(stopped.ended, Ended::Error);
+            assert!(stopped.developed.relmse.unwrap() <= error);
+            assert!(
+                (0.75..1.25).contains(&(truth / error)),
+                "{name}: {truth}, not {error}, at {} spp",
+                stopped.spp
+            );
+            println!(
+                "{name}, seed {seed}: {truth:.3e} of {error:.0e}, {:.2}, {} spp",
+                truth / error,
+                stopped.spp
+            );
+            if seed == 1 {
+                let alone = to_error(&scene, error, None, 1, seed);
+                assert_eq!((alone.spp, alone.image), (stopped.spp, stopped.image));
+            }
+        }
+    }
+}
+
+#[test]
+fn the_limit_of_samples_comes_first() {
+    let scene = sized(shipped("two-spheres.pbrt"), 16, 16);
+    for spp in [1, 2, 7, 40] {
+        let stopped = to_error(&scene, 1e-30, Some(spp), 2, 1);
+        assert_eq!((stopped.ended, stopped.spp), (Ended::Samples, f64::from(spp)));
+        // The same picture as without an error to reach, as far as the scrambling is the same.
+        assert!(stopped.image.pixels.iter().flatten().all(|value| value.is_finite()));
+    }
+}
