@@ -161,6 +161,16 @@ pub struct Figures {
     pub scenes: Vec<SceneFigures>,
 }
 
+/// The step at which the engine is what it is by default.
+const DEFAULT_STEP: &str = "+ streams, or packets for all";
+
+impl SceneFigures {
+    /// The engine as it is by default.
+    fn default_engine(&self) -> &Step {
+        self.ablation.iter().find(|step| step.name == DEFAULT_STEP).expect("a step of every ablation")
+    }
+}
+
 /// Pools of the sweep.
 const BATCHES: [usize; 8] = [64, 256, 1 << 10, 1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20];
 
@@ -214,8 +224,8 @@ fn ablation(subject: &Subject, effort: Effort) -> Vec<Step> {
     steps.extend([
         ("+ SIMD", wavefront(wide, Policy::Single)),
         ("+ packets for coherent rays", wavefront(wide, Policy::Mixed)),
-        ("+ streams, or packets for all", wavefront(wide, Policy::Auto)),
-        ("+ sort (not the default)", wavefront(wide, Policy::Sorted)),
+        (DEFAULT_STEP, wavefront(wide, Policy::Auto)),
+        ("+ sort of all later rays (not the default)", wavefront(wide, Policy::Sorted)),
     ]);
     let samplers = [SamplerKind::Sobol, SamplerKind::Independent];
     let names: Vec<_> =

@@ -16,6 +16,13 @@ impl fmt::Display for Figures {
             "wavepath {}, {}, {}; medians of {} interleaved rounds by {clock}, one thread, with smallest and largest",
             self.version, self.cpu, self.isa, self.rounds
         )?;
+        writeln!(f, "\n| scene | wavefront over megakernel | range | over megakernel-wide | range |")?;
+        writeln!(f, "|---|---|---|---|---|")?;
+        for scene in &self.scenes {
+            let step = scene.default_engine();
+            let (naive, wide) = (spread(step.over_naive, 2), spread(step.over_wide, 2));
+            writeln!(f, "| {} | {naive} | {wide} |", scene.scene)?;
+        }
         self.scenes.iter().try_for_each(|scene| write!(f, "\n{scene}"))
     }
 }

@@ -16,7 +16,7 @@ const SCENES: [&str; 5] = ["cornell", "metals", "depth-of-field", "terrain", "ju
 /// How the meshes of the scenes are made.
 const MESHES: &str = include_str!("../../scenes/make-meshes.sh");
 
-/// Pixels of the images that are measured.
+/// Pixels of the images that are measured, at most.
 const PIXELS: f64 = 65_536.0;
 
 /// Measures.
@@ -38,7 +38,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     for (path, loaded) in scenes.iter().zip(loaded) {
         let mut description = loaded.scene;
         let [width, height] = description.film.resolution.map(f64::from);
-        let scale = (PIXELS / (width * height)).sqrt();
+        let scale = (PIXELS / (width * height)).sqrt().min(1.0);
         let side = |x: f64| ((x * scale).round() as u32).max(1);
         scene::set_resolution(&mut description, side(width), side(height));
         let scene = scene::build(&description, SphericalLights::Cone)
