@@ -15,6 +15,7 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 use support::{Lamp, Loaded};
+use wavepath::bench::{Clock, Spread};
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::{Accelerator, Intersect, RayClass, Traversal};
 use wavepath_kernels::isa::Level;
@@ -349,23 +350,6 @@ fn flushing_denormals<R>(work: impl FnOnce() -> R) -> R {
     }
 }
 
-/// Seconds that this thread has had a processor: what else the machine does is not to count.
-fn processor_seconds() -> f64 {
-    #[repr(C)]
-    struct Time {
-        seconds: i64,
-        nanoseconds: i64,
-    }
-    unsafe extern "C" {
-        fn clock_gettime(clock: i32, time: *mut Time) -> i32;
-    }
-    const THREAD: i32 = 3;
-    let mut time = Time { seconds: 0, nanoseconds: 0 };
-    // SAFETY: the layout is that of Linux on 64 bits.
-    assert_eq!(unsafe { clock_gettime(THREAD, &mut time) }, 0, "no clock for threads");
-    time.seconds as f64 + 1e-9 * time.nanoseconds as f64
-}
-
 /// Rays of one class, and what is needed to trace them.
 enum Rays {
     Closest { paths: PathQueue, hits: HitQueue },
@@ -450,11 +434,11 @@ impl Class {
         }
     }
 
-    /// Seconds that our tree takes `times` times.
+    /// Seconds of processor time that our tree takes, mean of some times.
     fn trace(&mut self, tree: &Bvh8, traversal: Traversal, level: Level, times: usize) -> f64 {
         self.clear();
         let mut stack = tree.stack();
-        let started = processor_seconds();
+        let clock = Clock::start();
         for _ in 0..times {
             let stack = &mut stack;
             match &mut self.rays {
@@ -468,22 +452,22 @@ impl Class {
                 }
             }
         }
-        (processor_seconds() - started) / times as f64
+        clock.processor() / times as f64
     }
 
-    /// Seconds that Embree takes.
+    /// Seconds that Embree takes, likewise.
     fn trace_by_embree(&mut self, embree: &Embree, width: Width, times: usize) -> f64 {
         self.clear();
         let coherent = self.kind.is_coherent();
         flushing_denormals(|| {
-            let started = processor_seconds();
+            let clock = Clock::start();
             for _ in 0..times {
                 match &mut self.rays {
                     Rays::Closest { paths, hits } => embree.closest(width, coherent, paths, hits),
                     Rays::Shadow { shadows, slots } => embree.unoccluded(width, coherent, shadows, slots),
                 }
             }
-            (processor_seconds() - started) / times as f64
+            clock.processor() / times as f64
         })
     }
 }
@@ -545,10 +529,8 @@ fn record(loaded: &Loaded, tree: &Bvh8, capacity: usize) -> Vec<Class> {
     classes
 }
 
-/// Median, least and largest.
-fn spread(mut numbers: Vec<f64>) -> [f64; 3] {
-    numbers.sort_by(f64::total_cmp);
-    [numbers[numbers.len() / 2], numbers[0], numbers[numbers.len() - 1]]
+fn median(numbers: &[f64]) -> f64 {
+    Spread::of(numbers.iter().copied()).median
 }
 
 /// The part of the rays whose hits differ by more than 1e-4 of their distance.
@@ -631,13 +613,13 @@ impl Tables {
                 theirs.push(class.trace_by_embree(trees.embree(way), way.width, times));
             }
         }
-        let rate = |seconds: &[f64]| class.len() as f64 / spread(seconds.to_vec())[0] * 1e-6;
+        let rate = |seconds: &[f64]| class.len() as f64 / median(seconds) * 1e-6;
         let of_picked = TRAVERSALS.iter().position(|t| *t == picked).expect("one of them");
         self.against += &format!("{start} {:.2} |", rate(&ours[of_picked]));
         for theirs in &theirs {
-            let ratios = theirs.iter().zip(&ours[of_picked]).map(|(theirs, ours)| theirs / ours).collect();
-            let [median, least, largest] = spread(ratios);
-            self.against += &format!(" {:.2} ({median:.2}, {least:.2} to {largest:.2}) |", rate(theirs));
+            let ratio = Spread::of(theirs.iter().zip(&ours[of_picked]).map(|(theirs, ours)| theirs / ours));
+            let Spread { median, min, max } = ratio;
+            self.against += &format!(" {:.2} ({median:.2}, {min:.2} to {max:.2}) |", rate(theirs));
         }
         self.among += &start;
         for (traversal, ours) in TRAVERSALS.iter().zip(&ours) {
