@@ -16,11 +16,14 @@ use std::time::Instant;
 
 use support::{Lamp, Loaded};
 use wavepath::bench::{Clock, Spread};
+use wavepath::engine::wavefront::DEFAULT_BATCH;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::{Accelerator, Intersect, RayClass, Traversal};
 use wavepath_kernels::isa::Level;
 use wavepath_kernels::light_sample::LightSample;
-use wavepath_kernels::queue::{HitQueue, PathQueue, Requirements, SLOT_BITS, ShadowQueue, SlotTable};
+use wavepath_kernels::queue::{
+    HitQueue, PAD, PathQueue, Requirements, SHADOW_RAYS, SLOT_BITS, ShadowQueue, SlotTable,
+};
 use wavepath_kernels::scene::{Geometry, MISS};
 
 /// The part of Embree 3's interface that is needed here, after its manual.
@@ -361,6 +364,8 @@ struct Class {
     kind: RayClass,
     rays: Rays,
     capacity: usize,
+    /// Rays that the engine traces at a time.
+    piece: usize,
 }
 
 /// Classes by place in this list.
@@ -438,17 +443,28 @@ impl Class {
     fn trace(&mut self, tree: &Bvh8, traversal: Traversal, level: Level, times: usize) -> f64 {
         self.clear();
         let mut stack = tree.stack();
+        let mut order = vec![0; DEFAULT_BATCH + PAD];
         let clock = Clock::start();
         for _ in 0..times {
-            let stack = &mut stack;
-            match &mut self.rays {
-                Rays::Closest { paths, hits } => {
-                    let range = 0..paths.len;
-                    level.run(Intersect { accelerator: tree, traversal, paths, range, hits, stack });
-                }
-                Rays::Shadow { shadows, slots } => {
-                    let range = 0..shadows.len;
-                    level.run(LightSample { accelerator: tree, traversal, shadows, range, slots, stack });
+            // In pieces as the engine has them.
+            let (len, piece) = (self.len(), self.piece);
+            for start in (0..len).step_by(piece) {
+                let (range, stack, order) = (start..len.min(start + piece), &mut stack, &mut order[..]);
+                match &mut self.rays {
+                    Rays::Closest { paths, hits } => {
+                        level.run(Intersect {
+                            accelerator: tree,
+                            traversal,
+                            paths,
+                            range,
+                            hits,
+                            stack,
+                            order,
+                        });
+                    }
+                    Rays::Shadow { shadows, slots } => {
+                        level.run(LightSample { accelerator: tree, traversal, shadows, range, slots, stack });
+                    }
                 }
             }
         }
@@ -487,7 +503,10 @@ fn record(loaded: &Loaded, tree: &Bvh8, capacity: usize) -> Vec<Class> {
         shadows: ShadowQueue::new(capacity, requirements),
         slots: SlotTable::new(capacity, requirements),
     };
-    let class = |name, kind, rays| Class { name, kind, rays, capacity };
+    let class = |name, kind, rays| {
+        let piece = if matches!(rays, Rays::Closest { .. }) { DEFAULT_BATCH } else { SHADOW_RAYS };
+        Class { name, kind, rays, capacity, piece }
+    };
     let mut classes = vec![
         class("camera", RayClass::Camera, closest()),
         class("first shadow", RayClass::FirstShadow, shadow()),
@@ -542,7 +561,8 @@ fn disagreement(ours: &[f32], theirs: &[f32]) -> f64 {
 /// Rays on whose hits the two may differ.
 const MAY_DIFFER: f64 = 1e-4;
 /// How rays can go through our tree.
-const TRAVERSALS: [Traversal; 3] = [Traversal::Packets, Traversal::Single, Traversal::Interleaved];
+const TRAVERSALS: [Traversal; 4] =
+    [Traversal::Packets, Traversal::Sorted, Traversal::Single, Traversal::Interleaved];
 
 /// Both trees over a scene.
 struct Trees<'a> {
@@ -638,7 +658,7 @@ impl Tables {
         println!("Ours and Embree's, and in brackets ours over Embree's: median, least and largest.\n");
         table(&[&["scene", "rays", "ours"], &ways[..]].concat(), &self.against);
         println!("Ours in each way; * that of the engine.\n");
-        table(&["scene", "rays", "packets", "single", "interleaved"], &self.among);
+        table(&["scene", "rays", "packets", "sorted packets", "single", "interleaved"], &self.among);
         println!(
             "Part of the rays whose hits differ by more than 1e-4 of their distance; (!): more than {MAY_DIFFER:.0e}.\n"
         );
