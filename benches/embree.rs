@@ -15,11 +15,15 @@ use std::ops::ControlFlow;
 use std::time::Instant;
 
 use support::{Lamp, Loaded};
+use wavepath::bench::{Clock, Spread};
+use wavepath::engine::wavefront::DEFAULT_BATCH;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::{Accelerator, Intersect, RayClass, Traversal};
 use wavepath_kernels::isa::Level;
 use wavepath_kernels::light_sample::LightSample;
-use wavepath_kernels::queue::{HitQueue, PathQueue, Requirements, SLOT_BITS, ShadowQueue, SlotTable};
+use wavepath_kernels::queue::{
+    HitQueue, PAD, PathQueue, Requirements, SHADOW_RAYS, SLOT_BITS, ShadowQueue, SlotTable,
+};
 use wavepath_kernels::scene::{Geometry, MISS};
 
 /// The part of Embree 3's interface that is needed here, after its manual.
@@ -349,23 +353,6 @@ fn flushing_denormals<R>(work: impl FnOnce() -> R) -> R {
     }
 }
 
-/// Seconds that this thread has had a processor: what else the machine does is not to count.
-fn processor_seconds() -> f64 {
-    #[repr(C)]
-    struct Time {
-        seconds: i64,
-        nanoseconds: i64,
-    }
-    unsafe extern "C" {
-        fn clock_gettime(clock: i32, time: *mut Time) -> i32;
-    }
-    const THREAD: i32 = 3;
-    let mut time = Time { seconds: 0, nanoseconds: 0 };
-    // SAFETY: the layout is that of Linux on 64 bits.
-    assert_eq!(unsafe { clock_gettime(THREAD, &mut time) }, 0, "no clock for threads");
-    time.seconds as f64 + 1e-9 * time.nanoseconds as f64
-}
-
 /// Rays of one class, and what is needed to trace them.
 enum Rays {
     Closest { paths: PathQueue, hits: HitQueue },
@@ -377,6 +364,8 @@ struct Class {
     kind: RayClass,
     rays: Rays,
     capacity: usize,
+    /// Rays that the engine traces at a time.
+    piece: usize,
 }
 
 /// Classes by place in this list.
@@ -450,40 +439,51 @@ impl Class {
         }
     }
 
-    /// Seconds that our tree takes `times` times.
+    /// Seconds of processor time that our tree takes, mean of some times.
     fn trace(&mut self, tree: &Bvh8, traversal: Traversal, level: Level, times: usize) -> f64 {
         self.clear();
         let mut stack = tree.stack();
-        let started = processor_seconds();
+        let mut order = vec![0; DEFAULT_BATCH + PAD];
+        let clock = Clock::start();
         for _ in 0..times {
-            let stack = &mut stack;
-            match &mut self.rays {
-                Rays::Closest { paths, hits } => {
-                    let range = 0..paths.len;
-                    level.run(Intersect { accelerator: tree, traversal, paths, range, hits, stack });
-                }
-                Rays::Shadow { shadows, slots } => {
-                    let range = 0..shadows.len;
-                    level.run(LightSample { accelerator: tree, traversal, shadows, range, slots, stack });
+            // In pieces as the engine has them.
+            let (len, piece) = (self.len(), self.piece);
+            for start in (0..len).step_by(piece) {
+                let (range, stack, order) = (start..len.min(start + piece), &mut stack, &mut order[..]);
+                match &mut self.rays {
+                    Rays::Closest { paths, hits } => {
+                        level.run(Intersect {
+                            accelerator: tree,
+                            traversal,
+                            paths,
+                            range,
+                            hits,
+                            stack,
+                            order,
+                        });
+                    }
+                    Rays::Shadow { shadows, slots } => {
+                        level.run(LightSample { accelerator: tree, traversal, shadows, range, slots, stack });
+                    }
                 }
             }
         }
-        (processor_seconds() - started) / times as f64
+        clock.processor() / times as f64
     }
 
-    /// Seconds that Embree takes.
+    /// Seconds that Embree takes, likewise.
     fn trace_by_embree(&mut self, embree: &Embree, width: Width, times: usize) -> f64 {
         self.clear();
         let coherent = self.kind.is_coherent();
         flushing_denormals(|| {
-            let started = processor_seconds();
+            let clock = Clock::start();
             for _ in 0..times {
                 match &mut self.rays {
                     Rays::Closest { paths, hits } => embree.closest(width, coherent, paths, hits),
                     Rays::Shadow { shadows, slots } => embree.unoccluded(width, coherent, shadows, slots),
                 }
             }
-            (processor_seconds() - started) / times as f64
+            clock.processor() / times as f64
         })
     }
 }
@@ -503,7 +503,10 @@ fn record(loaded: &Loaded, tree: &Bvh8, capacity: usize) -> Vec<Class> {
         shadows: ShadowQueue::new(capacity, requirements),
         slots: SlotTable::new(capacity, requirements),
     };
-    let class = |name, kind, rays| Class { name, kind, rays, capacity };
+    let class = |name, kind, rays| {
+        let piece = if matches!(rays, Rays::Closest { .. }) { DEFAULT_BATCH } else { SHADOW_RAYS };
+        Class { name, kind, rays, capacity, piece }
+    };
     let mut classes = vec![
         class("camera", RayClass::Camera, closest()),
         class("first shadow", RayClass::FirstShadow, shadow()),
@@ -545,10 +548,8 @@ fn record(loaded: &Loaded, tree: &Bvh8, capacity: usize) -> Vec<Class> {
     classes
 }
 
-/// Median, least and largest.
-fn spread(mut numbers: Vec<f64>) -> [f64; 3] {
-    numbers.sort_by(f64::total_cmp);
-    [numbers[numbers.len() / 2], numbers[0], numbers[numbers.len() - 1]]
+fn median(numbers: &[f64]) -> f64 {
+    Spread::of(numbers.iter().copied()).median
 }
 
 /// The part of the rays whose hits differ by more than 1e-4 of their distance.
@@ -560,7 +561,8 @@ fn disagreement(ours: &[f32], theirs: &[f32]) -> f64 {
 /// Rays on whose hits the two may differ.
 const MAY_DIFFER: f64 = 1e-4;
 /// How rays can go through our tree.
-const TRAVERSALS: [Traversal; 3] = [Traversal::Packets, Traversal::Single, Traversal::Interleaved];
+const TRAVERSALS: [Traversal; 4] =
+    [Traversal::Packets, Traversal::Sorted, Traversal::Single, Traversal::Interleaved];
 
 /// Both trees over a scene.
 struct Trees<'a> {
@@ -631,13 +633,13 @@ impl Tables {
                 theirs.push(class.trace_by_embree(trees.embree(way), way.width, times));
             }
         }
-        let rate = |seconds: &[f64]| class.len() as f64 / spread(seconds.to_vec())[0] * 1e-6;
+        let rate = |seconds: &[f64]| class.len() as f64 / median(seconds) * 1e-6;
         let of_picked = TRAVERSALS.iter().position(|t| *t == picked).expect("one of them");
         self.against += &format!("{start} {:.2} |", rate(&ours[of_picked]));
         for theirs in &theirs {
-            let ratios = theirs.iter().zip(&ours[of_picked]).map(|(theirs, ours)| theirs / ours).collect();
-            let [median, least, largest] = spread(ratios);
-            self.against += &format!(" {:.2} ({median:.2}, {least:.2} to {largest:.2}) |", rate(theirs));
+            let ratio = Spread::of(theirs.iter().zip(&ours[of_picked]).map(|(theirs, ours)| theirs / ours));
+            let Spread { median, min, max } = ratio;
+            self.against += &format!(" {:.2} ({median:.2}, {min:.2} to {max:.2}) |", rate(theirs));
         }
         self.among += &start;
         for (traversal, ours) in TRAVERSALS.iter().zip(&ours) {
@@ -656,7 +658,7 @@ impl Tables {
         println!("Ours and Embree's, and in brackets ours over Embree's: median, least and largest.\n");
         table(&[&["scene", "rays", "ours"], &ways[..]].concat(), &self.against);
         println!("Ours in each way; * that of the engine.\n");
-        table(&["scene", "rays", "packets", "single", "interleaved"], &self.among);
+        table(&["scene", "rays", "packets", "sorted packets", "single", "interleaved"], &self.among);
         println!(
             "Part of the rays whose hits differ by more than 1e-4 of their distance; (!): more than {MAY_DIFFER:.0e}.\n"
         );

@@ -457,8 +457,9 @@ impl<A: Accelerator> Intersect<'_, A> {
         let (rays, hits) = (self.paths, self.hits);
         let barycentric = !hits.u.is_empty();
         let n = self.range.len();
-        // Hits are not known yet: the column of primitives holds the keys.
-        self.stack.sorter.sort::<I::Wide>(rays, self.range, &mut hits.primitive, self.order);
+        // Hits are not known yet: their part of the column of primitives holds the keys.
+        let keys = &mut hits.primitive[self.range.start..];
+        self.stack.sorter.sort::<I::Wide>(rays, self.range, keys, self.order);
         let mut at = 0;
         while at < n {
             let (place, count) = list_lanes::<I::Wide>(&self.order[..n], at);
