@@ -514,33 +514,18 @@ fn record(loaded: &Loaded, tree: &Bvh8, capacity: usize) -> Vec<Class> {
         class("deep bounce", RayClass::Bounce, closest()),
         class("later shadow", RayClass::LaterShadow, shadow()),
     ];
-    let mut number = 0;
-    loaded.rounds(tree, 4, &mut |round| {
-        number += 1;
-        // A few rays of some rounds, so that they come from all over the image. Camera rays start in every second round
-        // or so: the step is odd.
-        if number % 17 != 0 {
-            return ControlFlow::Continue(());
-        }
-        let mut room = [capacity.div_ceil(100).next_multiple_of(16); 5];
-        let mut take = |class: usize| room[class].checked_sub(1).map(|left| room[class] = left).is_some();
+    loaded.rounds(tree, &mut |round| {
         for i in 0..round.paths.len {
             let class = match round.paths.slot_depth[i] >> SLOT_BITS {
                 0 => CAMERA,
                 1..DEEP_FROM => BOUNCE,
                 _ => DEEP,
             };
-            if take(class) {
-                classes[class].push_path(&round.paths, i);
-            }
+            classes[class].push_path(&round.paths, i);
         }
         for (range, class) in round.shadow_runs {
             let class = if class == RayClass::FirstShadow { FIRST_SHADOW } else { LATER_SHADOW };
-            for i in range {
-                if take(class) {
-                    classes[class].push_shadow(&round.shadows, i);
-                }
-            }
+            range.for_each(|i| classes[class].push_shadow(&round.shadows, i));
         }
         let full = classes.iter().all(|class| class.len() == capacity);
         if full { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

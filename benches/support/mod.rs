@@ -3,6 +3,9 @@
 
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::time::{Duration, Instant};
+
+use criterion::{Bencher, Criterion};
 
 use wavepath::engine::schedule::{Schedule, Stop};
 use wavepath::engine::wavefront::DEFAULT_BATCH;
@@ -19,6 +22,29 @@ use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::sampler::Sobol;
 use wavepath_kernels::scene::Scene;
 use wavepath_kernels::shade::{Features, Kinds};
+
+/// Short: all benches together take some minutes.
+pub fn short() -> Criterion {
+    Criterion::default()
+        .sample_size(15)
+        .warm_up_time(Duration::from_millis(300))
+        .measurement_time(Duration::from_millis(1_200))
+        .without_plots()
+}
+
+/// Measures `work`, each time after `restore` has put back what it changes; that is not measured.
+pub fn measure<S>(bencher: &mut Bencher, state: &mut S, restore: impl Fn(&mut S), work: impl Fn(&mut S)) {
+    bencher.iter_custom(|times| {
+        let mut total = Duration::ZERO;
+        for _ in 0..times {
+            restore(state);
+            let started = Instant::now();
+            work(state);
+            total += started.elapsed();
+        }
+        total
+    });
+}
 
 /// Features of all scenes here but those with a [`Lamp::Square`]: lamps are spheres.
 #[derive(Clone, Copy, Debug)]
@@ -73,6 +99,13 @@ impl Loaded {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).with_extension("pbrt");
         let loaded = wavepath::pbrt::load(&path).unwrap_or_else(|error| panic!("{error}"));
         Loaded::new(name, loaded.scene)
+    }
+
+    /// The scene in another resolution.
+    pub fn sized(self, width: u32, height: u32) -> Self {
+        let Loaded { name, mut description, .. } = self;
+        scene::set_resolution(&mut description, width, height);
+        Loaded::new(name, description)
     }
 
     /// A room of 12 triangles, matte like all that is in it: `[x, y, z]` from `low` to `high`, with a lamp around `lamp`.
@@ -167,10 +200,27 @@ impl Loaded {
         )
     }
 
-    /// Renders with `spp` samples a pixel and hands over each round, until `each` breaks or the image is done.
-    pub fn rounds(&self, tree: &Bvh8, spp: u32, each: &mut dyn FnMut(Round) -> ControlFlow<()>) {
-        let film = Film::for_render(&self.description.film, &self.scene, self.plan.requirements, Some(spp));
-        let stop = Stop { spp: Some(spp), time: None, interrupted: Default::default() };
+    /// An empty film.
+    pub fn film(&self, spp: u32) -> Film {
+        Film::for_render(&self.description.film, &self.scene, self.plan.requirements, Some(spp))
+    }
+
+    /// Renders and hands over each round, until `each` breaks or the image is done. Blocks of pixels come in an order that
+    /// is all over the image, so that some rounds show the whole scene.
+    pub fn rounds(&self, tree: &Bvh8, each: &mut dyn FnMut(Round) -> ControlFlow<()>) {
+        const SPP: u32 = 2;
+        let mut film = self.film(SPP);
+        let count = film.blocks.len();
+        let common_divisor = |mut a: usize, mut b: usize| {
+            while b > 0 {
+                (a, b) = (b, a % b);
+            }
+            a
+        };
+        // By the golden ratio.
+        let step = (count * 618 / 1000..).find(|&step| common_divisor(step, count) == 1).unwrap_or(1);
+        film.blocks = (0..count).map(|k| film.blocks[k * step % count].clone()).collect();
+        let stop = Stop { spp: Some(SPP), time: None, interrupted: Default::default() };
         let schedule = Schedule::new(&film, 1, stop);
         let done = Done::default();
         let job = Job {
@@ -185,20 +235,21 @@ impl Loaded {
         record(&job, tree, DEFAULT_BATCH, Level::detect(), each);
     }
 
+    /// The first rounds of a render: many enough that a bench that goes through all of them, again and again, teaches
+    /// neither caches nor branch predictors what the next ray does.
+    pub fn many(&self, tree: &Bvh8) -> Vec<Round> {
+        let mut rounds = Vec::new();
+        self.rounds(tree, &mut |round| {
+            rounds.push(round);
+            if rounds.len() < 32 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        });
+        rounds
+    }
+
     /// The first round, all of whose rays come from the camera; and one deep into the render, most of whose rays have
     /// bounced, some of them often.
     pub fn first_and_deep(&self, tree: &Bvh8) -> [(&'static str, Round); 2] {
-        let (mut first, mut deep) = (None, None);
-        let mut number = 0;
-        self.rounds(tree, 64, &mut |round| {
-            number += 1;
-            match number {
-                1 => first = Some(round),
-                12 => deep = Some(round),
-                _ => {}
-            }
-            if number < 12 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
-        });
-        [("first", first.expect("a first round")), ("deep", deep.expect("a twelfth round"))]
+        let rounds = self.many(tree);
+        [("first", rounds[0].clone()), ("deep", rounds[11].clone())]
     }
 }
