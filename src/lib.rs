@@ -9,7 +9,7 @@
 //! | [`film`] | sums samples exactly, in any order |
 //! | [`picture`], [`report`], [`compare`] | image files, the record of a render, error measures |
 //! | [`converge`] | error against run time of several variants: figures, plots, a page |
-//! | [`bench`] | measures engines against each other |
+//! | [`mod@bench`] | measures engines against each other |
 //! | [`tev`] | shows a render in a viewer while it goes on |
 //! | [`meshes`] | makes meshes by procedure |
 //! | [`cli`] | the command |
