@@ -81,7 +81,7 @@ impl Bvh8<'_> {
 
     /// Asks for the memory of a child.
     #[inline(always)]
-    fn prefetch(&self, child: Child) {
+    pub(super) fn prefetch(&self, child: Child) {
         #[cfg(target_arch = "x86_64")]
         {
             use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};

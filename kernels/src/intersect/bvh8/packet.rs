@@ -319,6 +319,7 @@ impl Bvh8<'_> {
                         if !lanes.any() {
                             continue;
                         }
+                        self.prefetch(Child(node.child[child]));
                         let enter = I::Wide::select(lanes, enter, I::Wide::lit(f64::INFINITY));
                         // The one that any ray enters first goes on; the others wait in the order of the boxes.
                         // Sorting them by the distance of one ray cost as much as it saved.
