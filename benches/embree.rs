@@ -662,7 +662,7 @@ fn main() {
             name => filter = Some(name.to_string()),
         }
     }
-    let (rounds, capacity) = if test { (1, 1 << 10) } else { (11, 1 << 16) };
+    let (rounds, capacity) = if test { (1, 1 << 10) } else { (11, 1 << 17) };
     let scenes: &[fn(Lamp) -> Loaded] =
         if test { &[Loaded::knot] } else { &[Loaded::knot, Loaded::menger, Loaded::terrain] };
     let level = Level::detect();

@@ -35,6 +35,7 @@ fn generate(c: &mut Criterion) {
                         seed: 1,
                         replicate: 0,
                         first_sample: 16 * (turn / 64) as u32,
+                        samples: 16,
                         first: 0,
                         unit: 0,
                     },

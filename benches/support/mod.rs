@@ -208,7 +208,7 @@ impl Loaded {
     /// Renders and hands over each round, until `each` breaks or the image is done. Blocks of pixels come in an order that
     /// is all over the image, so that some rounds show the whole scene.
     pub fn rounds(&self, tree: &Bvh8, each: &mut dyn FnMut(Round) -> ControlFlow<()>) {
-        const SPP: u32 = 2;
+        const SPP: u32 = 16;
         let mut film = self.film(SPP);
         let count = film.blocks.len();
         let common_divisor = |mut a: usize, mut b: usize| {

@@ -207,7 +207,10 @@ impl PixelBlock {
     }
 }
 
-/// Which paths to start: sample `first_sample + p / pixels` of pixel `p % pixels` of the block, for `p` from `first`.
+/// Which paths to start: those from number `first` on, of all samples of a work unit.
+///
+/// Sixteen neighbours are a packet: as many samples of one pixel as there are, up to 16, 8, 4 or 2, then of the pixels
+/// next to it; and all packets of some pixels follow each other. So their rays stay close together.
 #[derive(Clone, Copy, Debug)]
 pub struct Batch<'a> {
     /// The pixels.
@@ -220,10 +223,65 @@ pub struct Batch<'a> {
     pub replicate: u32,
     /// Index within the replicate of the first sample.
     pub first_sample: u32,
+    /// Samples of each pixel.
+    pub samples: u32,
     /// First path.
     pub first: usize,
     /// Number of the work unit, kept with each path.
     pub unit: u32,
+}
+
+/// Paths of a packet.
+const PACKET: usize = 16;
+
+/// In what order the paths of a work unit start.
+struct Order {
+    /// Paths of a packet.
+    packet: usize,
+    /// Pixels and samples of a packet.
+    pixels: usize,
+    samples: usize,
+    /// Packets of the same pixels, which follow each other.
+    packets: usize,
+}
+
+impl Order {
+    fn new(pixels: usize, samples: u32) -> Self {
+        let together = 1 << samples.trailing_zeros().min(PACKET.ilog2());
+        let samples = samples as usize;
+        if pixels % (PACKET / together) == 0 {
+            Order {
+                packet: PACKET,
+                pixels: PACKET / together,
+                samples: together,
+                packets: samples / together,
+            }
+        } else {
+            // A block that is cut off by the edge of the image is perhaps no whole number of packets.
+            Order { packet: pixels, pixels, samples: 1, packets: samples }
+        }
+    }
+
+    /// Pixels and samples of the paths from number `path` on, and how many of them count: those up to the end of the
+    /// packet.
+    #[inline(always)]
+    fn lanes<U: Uint>(&self, path: usize) -> (U, U, usize) {
+        static NUMBERS: [u32; PACKET] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+        let (packet, start) = (path / self.packet, path % self.packet);
+        let (group, turn) = (packet / self.packets, packet % self.packets);
+        let place = U::load(&NUMBERS, 0) + U::splat(start as u32);
+        let (pixel, sample) = if self.samples > 1 {
+            let bits = self.pixels.trailing_zeros();
+            (place & U::splat((1 << bits) - 1), place.shr_each(U::splat(bits)))
+        } else {
+            (place, U::splat(0))
+        };
+        (
+            pixel + U::splat((group * self.pixels) as u32),
+            sample + U::splat((turn * self.samples) as u32),
+            self.packet - start,
+        )
+    }
 }
 
 /// The kernel: starts one path for each of `free`.
@@ -258,27 +316,24 @@ fn generate<F: Real, S: Sampler>(
     paths: &mut PathQueue,
     slots: &mut SlotTable,
 ) {
-    let pixels = batch.block.pixels();
+    let order = Order::new(batch.block.pixels(), batch.samples);
     let weights = !slots.filter_weight.is_empty();
     let scales = !slots.eta_scale.is_empty();
     let mut done = 0;
     while done < free.len() {
-        // A vector stays within one sample of the block.
-        let pixel = (batch.first + done) % pixels;
-        let sample = ((batch.first + done) / pixels) as u32;
-        let count = (free.len() - done).min(pixels - pixel).min(F::LANES);
+        let (pixel, sample, count) = order.lanes::<F::Uint>(batch.first + done);
+        let count = count.min(free.len() - done).min(F::LANES);
         let active = F::Mask::first(count);
-        let lanes = |column: &[u32]| {
-            let mut lanes = [column[pixel]; 16];
-            lanes[..count].copy_from_slice(&column[pixel..pixel + count]);
-            F::Uint::load(&lanes, 0)
+        // SAFETY: pixels of the block; other lanes take the first one.
+        let (x, y) = unsafe {
+            let pixel = F::Uint::select(active, pixel, F::Uint::splat(0));
+            (F::Uint::gather(&batch.block.columns, pixel), F::Uint::gather(&batch.block.rows, pixel))
         };
-        let x = lanes(&batch.block.columns) + F::Uint::splat(batch.block.x);
-        let y = lanes(&batch.block.rows) + F::Uint::splat(batch.block.y);
+        let (x, y) = (x + F::Uint::splat(batch.block.x), y + F::Uint::splat(batch.block.y));
         let number = y * F::Uint::splat(batch.image_width) + x;
         let stream = Stream {
             seed: stream_seed(batch.seed, number, batch.replicate),
-            index: F::Uint::splat(batch.first_sample + sample),
+            index: F::Uint::splat(batch.first_sample) + sample,
         };
         let ray = camera_ray::<F, S>(camera, stream, x, y);
 
@@ -296,13 +351,14 @@ fn generate<F: Real, S: Sampler>(
             F::zero().store(&mut paths.pdf, to);
         }
         let (seed, weight) = (stream.seed.to_array(), ray.weight.to_array());
+        let (pixel, sample) = (pixel.to_array(), sample.to_array());
         debug_assert_eq!(active.count(), count);
         for lane in 0..count {
             let slot = free[done + lane];
             paths.slot_depth[to + lane] = slot;
             let slot = slot as usize;
             slots.seed[slot] = seed[lane];
-            slots.place[slot] = place(batch.unit, sample, (pixel + lane) as u32);
+            slots.place[slot] = place(batch.unit, sample[lane], pixel[lane]);
             slots.radiance_r[slot] = 0.0;
             slots.radiance_g[slot] = 0.0;
             slots.radiance_b[slot] = 0.0;

@@ -253,8 +253,8 @@ fn generate_starts_every_sample_of_every_pixel_once() {
         lens: None,
         filter: Filter { axes: [axis(), axis()] },
     };
-    for (width, height) in [(16, 16), (1, 1), (1, 16), (16, 3), (7, 5), (13, 16), (3, 1)] {
-        for samples in [1, 3] {
+    for (width, height) in [(16, 16), (1, 1), (1, 16), (16, 3), (7, 5), (13, 16), (3, 1), (6, 2)] {
+        for samples in [1, 2, 3, 4, 12, 16] {
             let first_sample = [40; 78];
             for level in Level::available() {
                 let block = PixelBlock::new(32, 48, width, height);
@@ -274,6 +274,7 @@ fn generate_starts_every_sample_of_every_pixel_once() {
                         seed: 9,
                         replicate: 2,
                         first_sample: 40,
+                        samples: samples as u32,
                         first,
                         unit: 77,
                     };

@@ -190,6 +190,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
                     seed: self.job.seed,
                     replicate: open.unit.replicate,
                     first_sample: open.unit.first,
+                    samples: open.unit.samples,
                     first: open.started,
                     unit: id,
                 },
