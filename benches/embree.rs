@@ -6,7 +6,7 @@
 //! ours always is (`RTC_SCENE_FLAG_ROBUST`); trees of `RTC_BUILD_QUALITY_HIGH` and, where that is said, `MEDIUM`, its
 //! default; denormal numbers are flushed to zero for it, as its manual asks, and not for ours.
 //!
-//! `cargo bench --features embree --bench embree [-- SCENE]`; needs Embree 3 (Debian: `libembree-dev`).
+//! `cargo bench --features embree --bench embree [-- [SCENE] [--spp N]]`; needs Embree 3 (Debian: `libembree-dev`).
 
 mod support;
 
@@ -489,7 +489,7 @@ impl Class {
 }
 
 /// Rays of a render of the scene, up to `capacity` of each class.
-fn record(loaded: &Loaded, tree: &Bvh8, capacity: usize) -> Vec<Class> {
+fn record(loaded: &Loaded, tree: &Bvh8, spp: u32, capacity: usize) -> Vec<Class> {
     let requirements = Requirements {
         light_sampling: true,
         smooth_normals: loaded.plan.requirements.smooth_normals,
@@ -514,7 +514,7 @@ fn record(loaded: &Loaded, tree: &Bvh8, capacity: usize) -> Vec<Class> {
         class("deep bounce", RayClass::Bounce, closest()),
         class("later shadow", RayClass::LaterShadow, shadow()),
     ];
-    loaded.rounds(tree, &mut |round| {
+    loaded.rounds(tree, spp, &mut |round| {
         for i in 0..round.paths.len {
             let class = match round.paths.slot_depth[i] >> SLOT_BITS {
                 0 => CAMERA,
@@ -654,10 +654,15 @@ impl Tables {
 }
 
 fn main() {
-    let (mut filter, mut test) = (None, false);
-    for argument in std::env::args().skip(1) {
+    let (mut filter, mut test, mut spp) = (None, false, support::SPP);
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--test" => test = true,
+            "--spp" => {
+                let number = arguments.next().and_then(|number| number.parse().ok());
+                spp = number.filter(|spp| *spp > 0).expect("--spp: a number of samples a pixel");
+            }
             flag if flag.starts_with('-') => {}
             name => filter = Some(name.to_string()),
         }
@@ -674,10 +679,13 @@ fn main() {
         }
         let trees = Trees::new(&loaded.scene.geometry);
         tables.built += &format!("| {} | {}\n", loaded.name, trees.built);
-        for class in &mut record(&loaded, &trees.ours, capacity) {
+        for class in &mut record(&loaded, &trees.ours, spp, capacity) {
             tables.add(loaded.name, class, &trees, level, rounds);
         }
     }
-    println!("Millions of rays a second, {}, one thread, median of {rounds} rounds.", level.name());
+    println!(
+        "Millions of rays a second, {}, one thread, median of {rounds} rounds; {spp} samples a pixel.",
+        level.name()
+    );
     tables.print();
 }

@@ -23,6 +23,10 @@ use wavepath_kernels::sampler::Sobol;
 use wavepath_kernels::scene::Scene;
 use wavepath_kernels::shade::{Features, Kinds};
 
+/// Samples a pixel of the renders that are recorded: most of the scenes that ship with the project have as many. The more,
+/// the more of a packet's rays come from the same pixel.
+pub const SPP: u32 = 64;
+
 /// Short: all benches together take some minutes.
 pub fn short() -> Criterion {
     Criterion::default()
@@ -207,9 +211,8 @@ impl Loaded {
 
     /// Renders and hands over each round, until `each` breaks or the image is done. Blocks of pixels come in an order that
     /// is all over the image, so that some rounds show the whole scene.
-    pub fn rounds(&self, tree: &Bvh8, each: &mut dyn FnMut(Round) -> ControlFlow<()>) {
-        const SPP: u32 = 16;
-        let mut film = self.film(SPP);
+    pub fn rounds(&self, tree: &Bvh8, spp: u32, each: &mut dyn FnMut(Round) -> ControlFlow<()>) {
+        let mut film = self.film(spp);
         let count = film.blocks.len();
         let common_divisor = |mut a: usize, mut b: usize| {
             while b > 0 {
@@ -220,7 +223,7 @@ impl Loaded {
         // By the golden ratio.
         let step = (count * 618 / 1000..).find(|&step| common_divisor(step, count) == 1).unwrap_or(1);
         film.blocks = (0..count).map(|k| film.blocks[k * step % count].clone()).collect();
-        let stop = Stop { spp: Some(SPP), time: None, interrupted: Default::default() };
+        let stop = Stop { spp: Some(spp), time: None, interrupted: Default::default() };
         let schedule = Schedule::new(&film, 1, stop);
         let done = Done::default();
         let job = Job {
@@ -239,7 +242,7 @@ impl Loaded {
     /// neither caches nor branch predictors what the next ray does.
     pub fn many(&self, tree: &Bvh8) -> Vec<Round> {
         let mut rounds = Vec::new();
-        self.rounds(tree, &mut |round| {
+        self.rounds(tree, SPP, &mut |round| {
             rounds.push(round);
             if rounds.len() < 32 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         });
