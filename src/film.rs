@@ -7,11 +7,16 @@
 //! below the rounding of an `f32` for anything that can be seen, and there is room above for 2^25 samples that are
 //! each 2^38 times brighter than that light.
 
+mod error;
 pub mod live_error;
 
+pub use error::ErrorEstimate;
+
+use error::{BlockErrors, ErrorSum, Replicates};
 use rayon::prelude::*;
 use std::sync::Mutex;
 use wavepath_kernels::generate::{BLOCK_PIXELS, BLOCK_SIDE, PixelBlock};
+use wavepath_kernels::isa::Level;
 use wavepath_kernels::queue::Requirements;
 use wavepath_kernels::scene::Scene;
 
@@ -122,6 +127,13 @@ struct FilmBlock {
     samples: Vec<u32>,
 }
 
+impl FilmBlock {
+    /// Replicates that have samples.
+    fn replicates(&self) -> usize {
+        self.samples.iter().filter(|n| **n > 0).count()
+    }
+}
+
 /// The film.
 #[derive(Debug)]
 pub struct Film {
@@ -155,13 +167,15 @@ pub struct Developed {
     pub relmse_interval: Option<[f64; 2]>,
 }
 
-/// An estimate of the error of a film.
+/// How far the pixels of a block are off.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ErrorEstimate {
-    /// relMSE against the converged picture.
-    pub relmse: f64,
-    /// Its 95 % interval.
-    pub interval: [f64; 2],
+pub struct BlockError {
+    /// Pixels.
+    pub pixels: u64,
+    /// Samples of each pixel.
+    pub samples: u64,
+    /// Estimated relative squared error, sum over the pixels; 0 with fewer than two replicates.
+    pub error: f64,
 }
 
 /// What is known of each pixel beside its mean; row by row, of the pixels in the bounds.
@@ -293,6 +307,31 @@ impl Film {
         error.estimate()
     }
 
+    /// The error of each block.
+    pub fn block_errors(&self) -> Vec<BlockError> {
+        let error = |block| {
+            let (error, samples) = self.error_of_block(block);
+            BlockError { pixels: self.blocks[block].pixels() as u64, samples, error: error.sum }
+        };
+        (0..self.blocks.len()).into_par_iter().map(error).collect()
+    }
+
+    /// Blocks of a row.
+    pub fn block_columns(&self) -> usize {
+        (self.bounds[1] - self.bounds[0]).div_ceil(BLOCK_SIDE as u32) as usize
+    }
+
+    /// Fewest and most samples of a pixel.
+    pub fn sample_range(&self) -> [u32; 2] {
+        let samples = self.state.iter().map(|state| self.samples(state));
+        samples.fold([u32::MAX, 0], |[least, most], n| [least.min(n), most.max(n)])
+    }
+
+    /// Samples of each pixel of a block.
+    fn samples(&self, block: &Mutex<FilmBlock>) -> u32 {
+        block.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).samples.iter().sum()
+    }
+
     /// The error of a block, and the samples of each of its pixels.
     fn error_of_block(&self, block: usize) -> (ErrorSum, u64) {
         let state = self.state[block].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
@@ -309,7 +348,8 @@ impl Film {
             let samples = state.samples.iter().sum();
             for pixel in 0..block.pixels() {
                 let place = self.place(block, pixel);
-                out.variance[place] = self.replicates(&state, pixel).variance().map(|x| x as f32);
+                let replicates = Replicates::new(&state, pixel, self.quantum);
+                out.variance[place] = replicates.variance(state.replicates()).map(|x| x as f32);
                 out.samples[place] = samples;
             }
         }
@@ -337,198 +377,13 @@ impl Film {
         })
     }
 
-    /// The sums of one pixel, by replicate.
-    #[inline]
-    fn replicates(&self, state: &FilmBlock, pixel: usize) -> Replicates {
-        let mut out = Replicates::default();
-        for (sums, &samples) in state.sums.iter().zip(&state.samples).filter(|(_, n)| **n > 0) {
-            let k = out.count;
-            out.samples[k] = samples as f64;
-            out.weight[k] = sums.weight.get(pixel).map_or(samples as f64, |&weight| weight as f64);
-            out.radiance[k] = sums.radiance[pixel].map(|sum| self.quantum.value(sum));
-            out.count += 1;
-        }
-        out
-    }
-
     fn block_error(&self, state: &FilmBlock, block: &PixelBlock) -> ErrorSum {
-        let mut error = ErrorSum::default();
-        if state.samples.iter().filter(|n| **n > 0).count() < 2 {
-            return error;
-        }
-        let pixels: Vec<Replicates> =
-            (0..block.pixels()).map(|pixel| self.replicates(state, pixel)).collect();
-        let variance: Vec<[f64; 3]> = pixels.iter().map(Replicates::variance).collect();
-        let mut places = [[usize::MAX; BLOCK_SIDE]; BLOCK_SIDE];
-        for pixel in 0..block.pixels() {
-            places[block.rows[pixel] as usize][block.columns[pixel] as usize] = pixel;
-        }
-        for (pixel, own) in pixels.iter().enumerate() {
-            let near = |at: u32| at.saturating_sub(REACH) as usize..BLOCK_SIDE.min((at + REACH) as usize + 1);
-            let mut around = Neighbourhood::default();
-            for row in &places[near(block.rows[pixel])] {
-                for &place in row[near(block.columns[pixel])].iter().filter(|place| **place != usize::MAX) {
-                    around.add(&pixels[place], &variance[place]);
-                }
-            }
-            error.add(own.relative_error(&around));
-        }
-        error
+        Level::detect().run(BlockErrors { state, block, quantum: self.quantum })
     }
 }
 
 /// Most replicates of a film.
 const MOST_REPLICATES: usize = 8;
-
-/// The sums of a pixel over the samples of each replicate that has some.
-#[derive(Default)]
-struct Replicates {
-    count: usize,
-    radiance: [[f64; 3]; MOST_REPLICATES],
-    weight: [f64; MOST_REPLICATES],
-    samples: [f64; MOST_REPLICATES],
-}
-
-impl Replicates {
-    /// Variance of the mean of all, as their spread tells; NaN if there are fewer than two.
-    fn variance(&self) -> [f64; 3] {
-        let used = 0..self.count;
-        let weight: f64 = self.weight[used.clone()].iter().sum();
-        if self.count < 2 || weight <= 0.0 {
-            return [f64::NAN; 3];
-        }
-        core::array::from_fn(|c| {
-            let mean = used.clone().map(|k| self.radiance[k][c]).sum::<f64>() / weight;
-            // Of a ratio, to first order: of what each replicate adds to the sum beyond its share.
-            let squares: f64 =
-                used.clone().map(|k| (self.radiance[k][c] - mean * self.weight[k]).powi(2)).sum();
-            let count = self.count as f64;
-            squares * count / (count - 1.0) / (weight * weight)
-        })
-    }
-
-    /// What all replicates but one add up to: weight and radiance.
-    fn others(&self) -> impl Iterator<Item = (f64, [f64; 3])> {
-        let weight: f64 = self.weight[..self.count].iter().sum();
-        let total: [f64; 3] =
-            core::array::from_fn(|c| self.radiance[..self.count].iter().map(|sum| sum[c]).sum());
-        (0..self.count)
-            .map(move |k| (weight - self.weight[k], core::array::from_fn(|c| total[c] - self.radiance[k][c])))
-    }
-
-    /// Squared error of the mean relative to the truth, mean over the channels.
-    ///
-    /// Each replicate is held against all others, which stand for the reference. With a variance of s a sample, the
-    /// means of n and of m samples differ by s (1/n + 1/m) in the mean square; the variance of the mean of all is
-    /// s / (n + m). What the error is relative to is the mean of the others, too: relative to a mean that a firefly is
-    /// part of, no firefly has an error above 1. (That was tried: it stated a quarter of the true error of a Cornell
-    /// box with caustics.)
-    ///
-    /// Where few of the samples find any light, most of the means of the others are too dark, and errors relative to
-    /// them too large: up to seven times at 64 spp. There the means over the neighbourhood stand in, as far as pixel
-    /// and neighbourhood differ by no more than noise.
-    fn relative_error(&self, around: &Neighbourhood) -> f64 {
-        let samples: f64 = self.samples[..self.count].iter().sum();
-        let mut sum = 0.0;
-        for (k, (others, total)) in self.others().enumerate() {
-            // Where negative lobes outweigh the rest there is no mean to speak of.
-            if self.weight[k] <= 0.0 || others <= 0.0 {
-                continue;
-            }
-            let share = self.samples[k] * (samples - self.samples[k]) / (samples * samples);
-            for (c, total) in total.iter().enumerate() {
-                let mean = self.radiance[k][c] / self.weight[k];
-                let reference = total / others;
-                let relative_to = around.blend(k, c, reference);
-                sum += share * (mean - reference).powi(2)
-                    / (relative_to * relative_to + crate::compare::EPSILON);
-            }
-        }
-        sum / (3 * self.count) as f64
-    }
-}
-
-/// How far a neighbourhood reaches, in pixels; it ends with the block.
-const REACH: u32 = 2;
-
-/// The pixels around one, by the replicate that is left out.
-#[derive(Default)]
-struct Neighbourhood {
-    pixels: f64,
-    weight: [f64; MOST_REPLICATES],
-    radiance: [[f64; 3]; MOST_REPLICATES],
-    variance: [f64; 3],
-}
-
-impl Neighbourhood {
-    fn add(&mut self, pixel: &Replicates, variance: &[f64; 3]) {
-        self.pixels += 1.0;
-        for (k, (weight, radiance)) in pixel.others().enumerate() {
-            self.weight[k] += weight;
-            for (sum, radiance) in self.radiance[k].iter_mut().zip(radiance) {
-                *sum += radiance;
-            }
-        }
-        for (sum, variance) in self.variance.iter_mut().zip(variance) {
-            *sum += variance;
-        }
-    }
-
-    /// Between a pixel's mean and that of the neighbourhood, without replicate `k`: the more of their distance can be
-    /// noise, the nearer to the latter.
-    fn blend(&self, k: usize, c: usize, pixel: f64) -> f64 {
-        let variance = self.variance[c] / self.pixels;
-        if variance.is_nan() || variance <= 0.0 || self.weight[k] <= 0.0 {
-            return pixel;
-        }
-        let around = self.radiance[k][c] / self.weight[k];
-        let distance = (pixel - around).powi(2) / (4.0 * variance);
-        let share = 1.0 / (1.0 + distance * distance);
-        share * around + (1.0 - share) * pixel
-    }
-}
-
-/// Sums over pixels, whose errors are independent of each other.
-///
-/// The interval is from the spread over pixels: of two neighbours `a` and `b`, the variance of `a + b` is the mean of
-/// `(a - b)^2`, if both expect the same; where they do not, it is less, and the interval too wide.
-#[derive(Clone, Copy, Debug, Default)]
-struct ErrorSum {
-    sum: f64,
-    pixels: u64,
-    /// Sum over pairs of neighbours of the squared difference.
-    squares: f64,
-    /// A pixel whose neighbour is to come.
-    last: Option<f64>,
-}
-
-impl ErrorSum {
-    /// The error of the next pixel.
-    fn add(&mut self, error: f64) {
-        self.sum += error;
-        self.pixels += 1;
-        self.last = match self.last {
-            Some(last) => {
-                self.squares += (error - last).powi(2);
-                None
-            }
-            None => Some(error),
-        };
-    }
-    fn merge(&mut self, other: &ErrorSum) {
-        self.sum += other.sum;
-        self.pixels += other.pixels;
-        self.squares += other.squares + other.last.map_or(0.0, |last| last * last);
-    }
-    fn estimate(&self) -> Option<ErrorEstimate> {
-        (self.pixels > 0).then(|| {
-            let pixels = self.pixels as f64;
-            let relmse = self.sum / pixels;
-            let half = 1.96 * self.squares.sqrt() / pixels;
-            ErrorEstimate { relmse, interval: [(relmse - half).max(0.0), relmse + half] }
-        })
-    }
-}
 
 /// Pixels in `[x0, x1, y0, y1]`.
 fn pixels_in([x0, x1, y0, y1]: [u32; 4]) -> u64 {

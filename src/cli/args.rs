@@ -35,6 +35,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "RELMSE", value_parser = parse::error, allow_hyphen_values = true)]
     pub error: Option<f64>,
 
+    /// Take more samples where the error is; --spp is the mean over the pixels then
+    #[arg(long)]
+    pub adaptive: bool,
+
     /// How paths are executed
     #[arg(long, value_enum, default_value_t = Engine::Wavefront)]
     pub engine: Engine,
@@ -280,7 +284,7 @@ mod tests {
     #[test]
     fn render_takes_every_fixed_name() {
         let args: RenderArgs = parse(
-            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --layers --tev localhost:14158 --engine megakernel --sampler independent \
+            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --adaptive --layers --tev localhost:14158 --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
              --spherical-lights area --traversal mixed --report c.json --quiet",
         )
@@ -291,6 +295,7 @@ mod tests {
             spp: Some(16),
             time: Some(Duration::from_secs(90)),
             error: Some(0.01),
+            adaptive: true,
             engine: Engine::Megakernel,
             sampler: Some(SamplerChoice::Independent),
             threads: Some(3),

@@ -266,6 +266,7 @@ impl Work<'_> {
             batch: wavefront::DEFAULT_BATCH,
             level: Level::detect(),
             policy: Policy::Auto,
+            adaptive: false,
         };
         let mut session = Session::new(self.scene, self.plan, tree, &film, &settings, stop)
             .map_err(|error| Failure::Work(format!("cannot start {threads} threads: {error}")))?;

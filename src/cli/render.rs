@@ -225,6 +225,7 @@ fn settings(args: &RenderArgs, description: &SceneDescription) -> Settings {
             Traversal::Sorted => Policy::Sorted,
             Traversal::Interleaved => Policy::Interleaved,
         },
+        adaptive: args.adaptive,
     }
 }
 

@@ -3,6 +3,7 @@
 //! Whoever measures the error of a render as it goes on pauses it: only what passes inside of [`Session::run`] and
 //! [`Session::run_to_error`] counts as rendering time.
 
+use super::adaptive::{LEAST_PILOT, Shares};
 use super::schedule::{Schedule, Stop};
 use super::stats::Stats;
 use super::{Done, Job, Settings, Tree, execute, watched};
@@ -52,6 +53,9 @@ pub struct Session<'a> {
     interrupted: Arc<AtomicBool>,
     pool: rayon::ThreadPool,
     schedule: Schedule,
+    /// Samples a pixel, mean over the pixels, once all of the schedule is given out.
+    planned: u32,
+    shares: Option<Shares>,
     stats: Stats,
     elapsed: Duration,
     done: Done,
@@ -75,7 +79,10 @@ impl<'a> Session<'a> {
     ) -> Result<Self, rayon::ThreadPoolBuildError> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads).build()?;
         let (spp, interrupted) = (stop.spp, stop.interrupted.clone());
-        let schedule = Schedule::new(film, settings.threads, stop);
+        let adaptive = settings.adaptive && film.replicates > 1;
+        let planned = if adaptive { first_round(spp) } else { spp.unwrap_or(u32::MAX) };
+        let growing = stop.time.is_some();
+        let schedule = Schedule::of(film, settings.threads, 0..planned, growing, stop.interrupted);
         let (stats, elapsed, done) = (Stats::default(), Duration::ZERO, Done::default());
         Ok(Session {
             scene,
@@ -87,6 +94,8 @@ impl<'a> Session<'a> {
             interrupted,
             pool,
             schedule,
+            planned,
+            shares: None,
             stats,
             elapsed,
             done,
@@ -105,7 +114,52 @@ impl<'a> Session<'a> {
 
     /// Renders until all samples are taken, or until the rendering time is `until` in all; `watch` is called about ten
     /// times a second meanwhile.
-    pub fn run(&mut self, until: Option<Duration>, watch: impl FnMut(&Done)) -> Ended {
+    pub fn run(&mut self, until: Option<Duration>, mut watch: impl FnMut(&Done)) -> Ended {
+        let most = self.spp.unwrap_or(u32::MAX);
+        loop {
+            let ended = self.run_round(until, &mut watch);
+            if ended != Ended::Samples || self.planned >= most {
+                return ended;
+            }
+            self.begin_round(next_round(self.planned, self.spp));
+        }
+    }
+
+    /// Plans the samples from here to `to` a pixel, mean over the pixels.
+    fn begin_round(&mut self, to: u32) {
+        let started = Instant::now();
+        let (film, workers) = (self.film, self.settings.threads);
+        let interrupted = Arc::clone(&self.interrupted);
+        self.schedule = if self.is_adaptive() && self.planned >= LEAST_PILOT {
+            let errors = self.pool.install(|| film.block_errors());
+            let shares = Shares::best(&errors, film.block_columns());
+            let targets = shares.targets(&errors, to, film.replicates);
+            let ranges = errors.iter().zip(targets).map(|(block, to)| block.samples as u32..to).collect();
+            self.shares = Some(shares);
+            Schedule::by_block(film, workers, ranges, interrupted)
+        } else {
+            let from = self.planned;
+            Schedule::of(film, workers, from..to, from == 0, interrupted)
+        };
+        self.planned = to;
+        if std::env::var("TRACE").is_ok() {
+            eprintln!("round to {to}: {:?} decided in {:?} of {:?}", self.shares.as_ref().map(|s| s.gain), started.elapsed(), self.elapsed);
+        }
+        // Deciding is a part of the work.
+        self.elapsed += started.elapsed();
+    }
+
+    fn is_adaptive(&self) -> bool {
+        self.settings.adaptive && self.film.replicates > 1
+    }
+
+    /// The shares of the last round; none if there was no decision yet, or none to be made.
+    pub fn shares(&self) -> Option<&Shares> {
+        self.shares.as_ref()
+    }
+
+    /// As [`Session::run`], to the end of the schedule.
+    fn run_round(&mut self, until: Option<Duration>, watch: impl FnMut(&Done)) -> Ended {
         let started = Instant::now();
         // A time too far away for the clock is no limit.
         let deadline = until.and_then(|until| started.checked_add(until.saturating_sub(self.elapsed)));
@@ -145,13 +199,11 @@ impl<'a> Session<'a> {
         mut watch: impl FnMut(&Done),
     ) -> Ended {
         let most = self.spp.unwrap_or(MOST_SPP);
-        let (mut from, mut to) = (0, FIRST_LOOK.min(most));
+        self.planned = 0;
+        let mut to = FIRST_LOOK.min(most);
         loop {
-            let growing = from == 0;
-            let workers = self.settings.threads;
-            self.schedule =
-                Schedule::of(self.film, workers, from..to, growing, Arc::clone(&self.interrupted));
-            let ended = self.run(until, &mut watch);
+            self.begin_round(to);
+            let ended = self.run_round(until, &mut watch);
             if ended != Ended::Samples {
                 return ended;
             }
@@ -166,9 +218,24 @@ impl<'a> Session<'a> {
                 return Ended::Samples;
             }
             let factor = estimate.map_or(2.0, |estimate| (estimate / error).clamp(SMALLEST_STEP, 2.0));
-            (from, to) = (to, next_look(to, factor).min(most));
+            to = next_look(to, factor).min(most);
         }
     }
+}
+
+/// Samples a pixel of the first round of an adaptive render: so many that doubling them some times gives all.
+fn first_round(spp: Option<u32>) -> u32 {
+    let least = std::env::var("PILOT").ok().and_then(|x| x.parse().ok()).unwrap_or(LEAST_PILOT);
+    match spp {
+        Some(spp) if spp >= 2 * least => spp.div_ceil(1 << (spp / least).ilog2()),
+        Some(spp) => spp,
+        None => least,
+    }
+}
+
+/// Samples a pixel of the round after one that ends with `planned`.
+fn next_round(planned: u32, spp: Option<u32>) -> u32 {
+    planned.saturating_mul(2).min(spp.unwrap_or(u32::MAX))
 }
 
 /// Samples a pixel before the film is first asked for its error: one for each replicate.

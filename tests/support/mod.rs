@@ -54,6 +54,7 @@ pub struct Render {
     pub batch: usize,
     pub level: Level,
     pub policy: Policy,
+    pub adaptive: bool,
     pub spp: Option<u32>,
     pub time: Option<Duration>,
     pub spherical: SphericalLights,
@@ -69,6 +70,7 @@ impl Default for Render {
             batch: 4096,
             level: Level::detect(),
             policy: Policy::Auto,
+            adaptive: false,
             spp: Some(16),
             time: None,
             spherical: SphericalLights::Cone,
@@ -132,6 +134,7 @@ impl Render {
             batch: self.batch,
             level: self.level,
             policy: self.policy,
+            adaptive: self.adaptive,
         };
         let interrupted = Arc::new(AtomicBool::new(false));
         let stop = Stop { spp: self.spp, time: self.time, interrupted: interrupted.clone() };
