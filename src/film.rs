@@ -12,9 +12,10 @@ pub mod live_error;
 
 pub use error::ErrorEstimate;
 
-use error::{BlockErrors, ErrorSum, Replicates};
+use error::{BlockErrors, BlockVariances, ErrorSum, Replicates};
 use rayon::prelude::*;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 use wavepath_kernels::generate::{BLOCK_PIXELS, BLOCK_SIDE, PixelBlock};
 use wavepath_kernels::isa::Level;
 use wavepath_kernels::queue::Requirements;
@@ -77,6 +78,8 @@ pub struct BlockSums {
     pub weight: Vec<i64>,
     /// Samples that were dropped.
     pub invalid: u64,
+    /// Rays that were traced beyond those from the camera and towards lights.
+    pub bounces: u64,
 }
 
 impl BlockSums {
@@ -86,6 +89,7 @@ impl BlockSums {
             radiance: vec![[0; 3]; pixels],
             weight: if requirements.filter_weights { vec![0; pixels] } else { Vec::new() },
             invalid: 0,
+            bounces: 0,
         }
     }
     /// Back to no samples.
@@ -93,6 +97,7 @@ impl BlockSums {
         self.radiance.fill([0; 3]);
         self.weight.fill(0);
         self.invalid = 0;
+        self.bounces = 0;
     }
     /// Adds a sample. What is not a number, infinite or negative counts as black and is counted.
     #[inline]
@@ -128,9 +133,9 @@ struct FilmBlock {
 }
 
 impl FilmBlock {
-    /// Replicates that have samples.
-    fn replicates(&self) -> usize {
-        self.samples.iter().filter(|n| **n > 0).count()
+    /// Samples of a pixel in the replicates of even (0) or odd (1) number.
+    fn samples_of_half(&self, half: usize) -> u32 {
+        self.samples.iter().skip(half).step_by(2).sum()
     }
 }
 
@@ -150,6 +155,7 @@ pub struct Film {
     /// What the scene needs.
     pub requirements: Requirements,
     state: Vec<Mutex<FilmBlock>>,
+    split: AtomicBool,
 }
 
 /// A finished picture.
@@ -167,14 +173,16 @@ pub struct Developed {
     pub relmse_interval: Option<[f64; 2]>,
 }
 
-/// How far the pixels of a block are off.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BlockError {
+/// What half of the replicates know of a block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HalfBlock {
     /// Pixels.
     pub pixels: u64,
     /// Samples of each pixel.
-    pub samples: u64,
-    /// Estimated relative squared error, sum over the pixels; 0 with fewer than two replicates.
+    pub samples: u32,
+    /// Rays of all samples beyond those from the camera and towards lights.
+    pub bounces: u64,
+    /// Estimated relative squared error of the half's means, sum over the pixels; 0 with fewer than two replicates.
     pub error: f64,
 }
 
@@ -215,7 +223,8 @@ impl Film {
                 })
             })
             .collect();
-        Film { blocks, image_width, bounds, replicates, quantum, requirements, state }
+        let split = AtomicBool::new(false);
+        Film { blocks, image_width, bounds, replicates, quantum, requirements, state, split }
     }
 
     /// An empty film for `spp` samples of each pixel of a scene; `None`: as many as the time allows.
@@ -270,6 +279,7 @@ impl Film {
             *to += from;
         }
         to.invalid += sums.invalid;
+        to.bounces += sums.bounces;
     }
 
     /// Pixel means, and the estimate of their error from the spread of the replicates.
@@ -307,13 +317,26 @@ impl Film {
         error.estimate()
     }
 
-    /// The error of each block.
-    pub fn block_errors(&self) -> Vec<BlockError> {
-        let error = |block| {
-            let (error, samples) = self.error_of_block(block);
-            BlockError { pixels: self.blocks[block].pixels() as u64, samples, error: error.sum }
+    /// Both halves of each block: the replicates of even and of odd number.
+    pub fn halves(&self) -> Vec<[HalfBlock; 2]> {
+        let of_block = |(block, state): (&PixelBlock, &Mutex<FilmBlock>)| {
+            let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            [0, 1].map(|half| HalfBlock {
+                pixels: block.pixels() as u64,
+                samples: state.samples_of_half(half),
+                bounces: state.sums.iter().skip(half).step_by(2).map(|sums| sums.bounces).sum(),
+                error: self.error_of_half(&state, block, half),
+            })
         };
-        (0..self.blocks.len()).into_par_iter().map(error).collect()
+        // In the order of the blocks, so that threads change nothing.
+        (&self.blocks, &self.state).into_par_iter().map(of_block).collect()
+    }
+
+    /// From now on both halves of the replicates count the same in a mean, even if one has more samples: for samples
+    /// of either half that depend on what the other has seen. Weighed by their samples, the half that has seen more
+    /// light would count less.
+    pub fn split(&self) {
+        self.split.store(true, Ordering::Relaxed);
     }
 
     /// Blocks of a row.
@@ -323,13 +346,14 @@ impl Film {
 
     /// Fewest and most samples of a pixel.
     pub fn sample_range(&self) -> [u32; 2] {
-        let samples = self.state.iter().map(|state| self.samples(state));
+        let samples = (0..self.blocks.len()).map(|block| self.samples(block));
         samples.fold([u32::MAX, 0], |[least, most], n| [least.min(n), most.max(n)])
     }
 
     /// Samples of each pixel of a block.
-    fn samples(&self, block: &Mutex<FilmBlock>) -> u32 {
-        block.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).samples.iter().sum()
+    fn samples(&self, block: usize) -> u32 {
+        let state = self.state[block].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        state.samples.iter().sum()
     }
 
     /// The error of a block, and the samples of each of its pixels.
@@ -346,10 +370,12 @@ impl Film {
         for (block, state) in self.blocks.iter().zip(&self.state) {
             let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             let samples = state.samples.iter().sum();
-            for pixel in 0..block.pixels() {
+            let (replicates, scale) = (Replicates::all(&state), self.split_loss(&state));
+            let variances =
+                Level::detect().run(BlockVariances { replicates, block, quantum: self.quantum, scale });
+            for (pixel, variance) in variances.into_iter().enumerate() {
                 let place = self.place(block, pixel);
-                let replicates = Replicates::new(&state, pixel, self.quantum);
-                out.variance[place] = replicates.variance(state.replicates()).map(|x| x as f32);
+                out.variance[place] = variance.map(|x| x as f32);
                 out.samples[place] = samples;
             }
         }
@@ -365,20 +391,46 @@ impl Film {
 
     /// Mean of one pixel: the sum over replicates is exact, and rounded once.
     fn mean(&self, state: &FilmBlock, pixel: usize) -> [f32; 3] {
-        let samples: u64 = state.samples.iter().map(|&n| n as u64).sum();
-        let weights = state.sums.iter().filter_map(|sums| sums.weight.get(pixel));
-        let weight = if self.requirements.filter_weights { weights.sum() } else { samples as i64 };
-        if weight <= 0 {
-            return [0.0; 3];
+        if self.is_split() {
+            let halves = [0, 1].map(|half| self.mean_of(state, pixel, half, 2));
+            if let [Some(a), Some(b)] = halves {
+                return core::array::from_fn(|k| (0.5 * (a[k] + b[k])) as f32);
+            }
         }
-        core::array::from_fn(|k| {
-            let total = state.sums.iter().map(|sums| sums.radiance[pixel][k]).sum();
-            (self.quantum.value(total) / weight as f64) as f32
-        })
+        self.mean_of(state, pixel, 0, 1).map_or([0.0; 3], |mean| mean.map(|x| x as f32))
+    }
+
+    /// Mean of a pixel in some replicates; none where negative lobes outweigh the rest.
+    fn mean_of(&self, state: &FilmBlock, pixel: usize, first: usize, step: usize) -> Option<[f64; 3]> {
+        let sums = || state.sums.iter().skip(first).step_by(step);
+        let weight: i64 = if self.requirements.filter_weights {
+            sums().filter_map(|sums| sums.weight.get(pixel)).sum()
+        } else {
+            state.samples.iter().skip(first).step_by(step).map(|&n| i64::from(n)).sum()
+        };
+        let total = |k| self.quantum.value(sums().map(|sums| sums.radiance[pixel][k]).sum());
+        (weight > 0).then(|| core::array::from_fn(|k| total(k) / weight as f64))
+    }
+
+    fn is_split(&self) -> bool {
+        self.split.load(Ordering::Relaxed)
+    }
+
+    /// Variance of the mean over that of a mean in which all samples count the same.
+    fn split_loss(&self, state: &FilmBlock) -> f64 {
+        let [a, b] = [0, 1].map(|half| f64::from(state.samples_of_half(half)));
+        if self.is_split() && a > 0.0 && b > 0.0 { (a + b) * (a + b) / (4.0 * a * b) } else { 1.0 }
+    }
+
+    /// Relative squared error of the mean of a half, sum over the pixels.
+    fn error_of_half(&self, state: &FilmBlock, block: &PixelBlock, half: usize) -> f64 {
+        let replicates = Replicates { state, first: half, step: 2 };
+        Level::detect().run(BlockErrors { replicates, block, quantum: self.quantum, scale: 1.0 }).sum
     }
 
     fn block_error(&self, state: &FilmBlock, block: &PixelBlock) -> ErrorSum {
-        Level::detect().run(BlockErrors { state, block, quantum: self.quantum })
+        let (replicates, scale) = (Replicates::all(state), self.split_loss(state));
+        Level::detect().run(BlockErrors { replicates, block, quantum: self.quantum, scale })
     }
 }
 

@@ -174,7 +174,11 @@ pub struct ConvergeArgs {
           default_values_t = [SamplerChoice::Sobol, SamplerChoice::Independent])]
     pub samplers: Vec<SamplerChoice>,
 
-    /// Rendering time of each run: there are engines x samplers x seeds of them
+    /// Compare each engine and sampler with and without adaptive sampling
+    #[arg(long)]
+    pub adaptive: bool,
+
+    /// Rendering time of each run: there are engines x samplers x seeds of them, and as many again with --adaptive
     #[arg(long, value_name = "TIME", default_value = "10s", value_parser = parse::duration,
           allow_hyphen_values = true)]
     pub budget: Duration,
@@ -351,8 +355,9 @@ mod tests {
         let compare: CompareArgs = parse("a.exr b.exr --map c.png").unwrap();
         assert_eq!(compare.map, Some("c.png".into()));
         let converge: ConvergeArgs =
-            parse("a.pbrt --engines megakernel --budget 2m --external b:1:b.exr -o c").unwrap();
+            parse("a.pbrt --engines megakernel --adaptive --budget 2m --external b:1:b.exr -o c").unwrap();
         assert_eq!((converge.engines, converge.samplers.len()), (vec![Engine::Megakernel], 2));
+        assert!(converge.adaptive);
         assert_eq!((converge.budget, converge.seeds), (Duration::from_secs(120), 3));
         assert_eq!(converge.external[0].name, "b");
         let error = parse::<ConvergeArgs>("a.pbrt --seeds 0 -o c").unwrap_err();

@@ -40,8 +40,9 @@ pub struct Stop {
 pub struct Schedule {
     blocks: u64,
     replicates: u64,
-    /// Samples of each pixel, by block.
+    /// Samples of each pixel: `groups` ranges a block, each for the replicates whose number leaves that remainder.
     ranges: Vec<Range<u32>>,
+    groups: u64,
     /// Most samples that a replicate of a pixel gets.
     longest: u32,
     /// Samples of a unit, at most.
@@ -73,26 +74,38 @@ impl Schedule {
         interrupted: Arc<AtomicBool>,
     ) -> Self {
         let ranges = vec![range; film.blocks.len()];
-        Schedule { growing, ..Schedule::by_block(film, workers, ranges, interrupted) }
+        Schedule { growing, ..Schedule::grouped(film, workers, ranges, 1, interrupted) }
     }
 
-    /// The samples of a range of each block. Wherever it is left, all blocks have about the same part of theirs.
-    pub fn by_block(
+    /// The samples of a range for each half of each block, the replicates of even and of odd number. Wherever it is
+    /// left, all of them have about the same part of theirs.
+    pub fn by_half(
+        film: &Film,
+        workers: usize,
+        ranges: &[[Range<u32>; 2]],
+        interrupted: Arc<AtomicBool>,
+    ) -> Self {
+        Schedule::grouped(film, workers, ranges.as_flattened().to_vec(), 2, interrupted)
+    }
+
+    fn grouped(
         film: &Film,
         workers: usize,
         ranges: Vec<Range<u32>>,
+        groups: u32,
         interrupted: Arc<AtomicBool>,
     ) -> Self {
         let blocks = film.blocks.len() as u64;
         let replicates = film.replicates as u64;
-        let longest = ranges.iter().map(|range| range.len() as u32).max().unwrap_or(0).div_ceil(film.replicates);
+        let longest = ranges.iter().map(|range| range.len() as u32).max().unwrap_or(0);
+        let longest = longest.div_ceil(film.replicates / groups);
         // Small renders: enough units that no worker waits long at the end.
         let wanted = 16 * workers as u64;
         let rounds = wanted.div_ceil(blocks * replicates).clamp(1, longest.max(1) as u64) as u32;
         let chunk = Self::CHUNK.min(longest.div_ceil(rounds)).max(1);
         let next = AtomicU64::new(0);
-        let growing = false;
-        Schedule { blocks, replicates, ranges, longest, chunk, growing, next, deadline: None, interrupted }
+        let (growing, groups, deadline) = (false, u64::from(groups), None);
+        Schedule { blocks, replicates, ranges, groups, longest, chunk, growing, next, deadline, interrupted }
     }
 
     /// No more units after this moment, but for the first sample of every pixel.
@@ -145,9 +158,11 @@ impl Schedule {
         if self.round(round).0 >= self.longest as u64 {
             return None;
         }
-        let range = &self.ranges[block as usize];
-        let own = (range.len() as u64).div_ceil(self.replicates);
-        // A block with fewer samples takes part in some of the rounds only, evenly spaced.
+        let (group, member) = (replicate % self.groups, replicate / self.groups);
+        let members = self.replicates / self.groups;
+        let range = &self.ranges[(block * self.groups + group) as usize];
+        let own = (range.len() as u64).div_ceil(members);
+        // One with fewer samples takes part in some of the rounds only, evenly spaced.
         let round = if own == self.longest as u64 {
             round
         } else {
@@ -159,7 +174,7 @@ impl Schedule {
             done(round)
         };
         // How many of the numbers below `n` belong to this replicate.
-        let below = |n: u32| (n as u64 + self.replicates - 1 - replicate) / self.replicates;
+        let below = |n: u32| (n as u64 + members - 1 - member) / members;
         let (start, end) = (below(range.start), below(range.end));
         let (first, samples) = self.round(round);
         let first = start + first;
@@ -176,7 +191,8 @@ impl Schedule {
     pub fn take(&self) -> Option<Unit> {
         loop {
             // The first sample of every pixel is taken whatever the rules say, but for an interrupt.
-            let obligatory = self.ranges.first().is_some_and(|range| range.start == 0) && self.next.load(Ordering::Relaxed) < self.blocks;
+            let obligatory = self.ranges.first().is_some_and(|range| range.start == 0)
+                && self.next.load(Ordering::Relaxed) < self.blocks;
             let late = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
             if self.is_interrupted() || late && !obligatory {
                 return None;

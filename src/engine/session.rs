@@ -3,12 +3,13 @@
 //! Whoever measures the error of a render as it goes on pauses it: only what passes inside of [`Session::run`] and
 //! [`Session::run_to_error`] counts as rendering time.
 
-use super::adaptive::{LEAST_PILOT, Shares};
+use super::adaptive::{LEAST_GAIN, LEAST_PILOT, LEAST_REPLICATES, Shares};
 use super::schedule::{Schedule, Stop};
 use super::stats::Stats;
 use super::{Done, Job, Settings, Tree, execute, watched};
 use crate::film::Film;
 use crate::plan::Plan;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -42,6 +43,20 @@ impl Ended {
     }
 }
 
+/// What adaptive sampling did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Adaptive {
+    /// Efficiency over that of samples spread evenly, as the last decision predicted it; none if there was none.
+    pub predicted_gain: Option<f64>,
+    /// Whether samples were spread unevenly.
+    pub is_uneven: bool,
+}
+
+/// Whether there is enough to decide on.
+fn can_adapt(settings: &Settings, film: &Film) -> bool {
+    settings.adaptive && film.replicates >= LEAST_REPLICATES
+}
+
 /// A render.
 pub struct Session<'a> {
     scene: &'a Scene,
@@ -55,7 +70,10 @@ pub struct Session<'a> {
     schedule: Schedule,
     /// Samples a pixel, mean over the pixels, once all of the schedule is given out.
     planned: u32,
-    shares: Option<Shares>,
+    /// As the last decision had it.
+    predicted_gain: Option<f64>,
+    /// Blocks may have different numbers of samples.
+    is_uneven: bool,
     stats: Stats,
     elapsed: Duration,
     done: Done,
@@ -79,8 +97,7 @@ impl<'a> Session<'a> {
     ) -> Result<Self, rayon::ThreadPoolBuildError> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads).build()?;
         let (spp, interrupted) = (stop.spp, stop.interrupted.clone());
-        let adaptive = settings.adaptive && film.replicates > 1;
-        let planned = if adaptive { first_round(spp) } else { spp.unwrap_or(u32::MAX) };
+        let planned = if can_adapt(settings, film) { first_round(spp) } else { spp.unwrap_or(u32::MAX) };
         let growing = stop.time.is_some();
         let schedule = Schedule::of(film, settings.threads, 0..planned, growing, stop.interrupted);
         let (stats, elapsed, done) = (Stats::default(), Duration::ZERO, Done::default());
@@ -95,7 +112,8 @@ impl<'a> Session<'a> {
             pool,
             schedule,
             planned,
-            shares: None,
+            predicted_gain: None,
+            is_uneven: false,
             stats,
             elapsed,
             done,
@@ -127,35 +145,41 @@ impl<'a> Session<'a> {
 
     /// Plans the samples from here to `to` a pixel, mean over the pixels.
     fn begin_round(&mut self, to: u32) {
+        // Deciding is a part of the work.
         let started = Instant::now();
-        let (film, workers) = (self.film, self.settings.threads);
+        let (film, workers, from) = (self.film, self.settings.threads, self.planned);
         let interrupted = Arc::clone(&self.interrupted);
-        self.schedule = if self.is_adaptive() && self.planned >= LEAST_PILOT {
-            let errors = self.pool.install(|| film.block_errors());
-            let shares = Shares::best(&errors, film.block_columns());
-            let targets = shares.targets(&errors, to, film.replicates);
-            let ranges = errors.iter().zip(targets).map(|(block, to)| block.samples as u32..to).collect();
-            self.shares = Some(shares);
-            Schedule::by_block(film, workers, ranges, interrupted)
-        } else {
-            let from = self.planned;
-            Schedule::of(film, workers, from..to, from == 0, interrupted)
+        self.schedule = match self.uneven_ranges(to) {
+            Some(ranges) => Schedule::by_half(film, workers, &ranges, interrupted),
+            None => Schedule::of(film, workers, from..to, from == 0, interrupted),
         };
         self.planned = to;
-        if std::env::var("TRACE").is_ok() {
-            eprintln!("round to {to}: {:?} decided in {:?} of {:?}", self.shares.as_ref().map(|s| s.gain), started.elapsed(), self.elapsed);
-        }
-        // Deciding is a part of the work.
         self.elapsed += started.elapsed();
     }
 
-    fn is_adaptive(&self) -> bool {
-        self.settings.adaptive && self.film.replicates > 1
+    /// The samples from here to `to` of both halves of each block; none if they are the same for all.
+    fn uneven_ranges(&mut self, to: u32) -> Option<Vec<[Range<u32>; 2]>> {
+        let film = self.film;
+        if !can_adapt(self.settings, film) || self.planned < LEAST_PILOT {
+            return None;
+        }
+        let halves = self.pool.install(|| film.halves());
+        let shares = Shares::best(&halves, film.block_columns());
+        self.predicted_gain = Some(shares.gain);
+        // What is uneven stays so: to fill up what is behind would not pay.
+        if !self.is_uneven && shares.gain < LEAST_GAIN {
+            return None;
+        }
+        self.is_uneven = true;
+        film.split();
+        let targets = shares.targets(&halves, to, film.replicates / 2);
+        let ranges = halves.iter().zip(targets).map(|(halves, to)| [0, 1].map(|k| halves[k].samples..to[k]));
+        Some(ranges.collect())
     }
 
-    /// The shares of the last round; none if there was no decision yet, or none to be made.
-    pub fn shares(&self) -> Option<&Shares> {
-        self.shares.as_ref()
+    /// What adaptive sampling did.
+    pub fn adaptive(&self) -> Adaptive {
+        Adaptive { predicted_gain: self.predicted_gain, is_uneven: self.is_uneven }
     }
 
     /// As [`Session::run`], to the end of the schedule.
@@ -223,14 +247,11 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Samples a pixel of the first round of an adaptive render: so many that doubling them some times gives all.
+/// Samples a pixel of the first round of an adaptive render: an eighth of all if those are known and it is enough; so
+/// many that doubling them some times gives all.
 fn first_round(spp: Option<u32>) -> u32 {
-    let least = std::env::var("PILOT").ok().and_then(|x| x.parse().ok()).unwrap_or(LEAST_PILOT);
-    match spp {
-        Some(spp) if spp >= 2 * least => spp.div_ceil(1 << (spp / least).ilog2()),
-        Some(spp) => spp,
-        None => least,
-    }
+    let halvings = |spp: u32| (spp / LEAST_PILOT).max(1).ilog2().min(3);
+    spp.map_or(LEAST_PILOT, |spp| spp.div_ceil(1 << halvings(spp)))
 }
 
 /// Samples a pixel of the round after one that ends with `planned`.

@@ -60,8 +60,9 @@ impl<'a> LiveError<'a> {
         }
         // What was not used is not saved up for a long look later.
         self.looks = self.looks.max(looks.saturating_sub(blocks));
+        let estimate = self.estimate(samples);
         self.spent += now.elapsed();
-        self.estimate(samples)
+        estimate
     }
 
     /// Time spent looking.
@@ -72,9 +73,10 @@ impl<'a> LiveError<'a> {
     fn estimate(&self, samples: u64) -> Option<f64> {
         let spp = samples as f64 / self.film.pixels() as f64;
         let (mut sum, mut pixels) = (0.0, 0);
-        for (error, samples) in self.seen.iter().flatten() {
-            // A block may be ahead of the others.
-            sum += error.sum * (*samples as f64 / spp).min(1.0);
+        for (block, seen) in self.seen.iter().enumerate() {
+            let Some((error, samples)) = seen else { continue };
+            let now = self.film.samples(block);
+            sum += error.sum * *samples as f64 / now as f64;
             pixels += error.pixels;
         }
         (pixels > 0 && spp > 0.0).then(|| sum / pixels as f64)
