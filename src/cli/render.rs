@@ -96,7 +96,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut live = LiveError::new(&film, settings.threads);
     let watch = |done: &Done| {
         let samples = done.samples.load(Ordering::Relaxed);
-        let error = if progress.is_visible() { live.update(samples) } else { None };
+        let error = if progress.is_visible() { live.update() } else { None };
         progress.update(samples, done.rays.load(Ordering::Relaxed), error);
         viewer.show(false);
     };

@@ -159,3 +159,135 @@ fn noise(blocks: &[[HalfBlock; 2]], columns: usize, block: usize, half: usize) -
     let own = &blocks[block][half];
     (sum(own) / own.pixels as f64).max(FROM_NEIGHBOURS * around / pixels)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::film::{BlockSums, Film, Quantum};
+    use wavepath_kernels::queue::Requirements;
+
+    fn half(pixels: u64, samples: u32, noise: f64) -> HalfBlock {
+        let error = noise * pixels as f64 / f64::from(samples);
+        HalfBlock { pixels, samples, bounces: 0, error }
+    }
+
+    fn blocks(noise: &[f64]) -> Vec<[HalfBlock; 2]> {
+        noise.iter().map(|noise| [half(256, 8, *noise); 2]).collect()
+    }
+
+    #[test]
+    fn samples_follow_the_root_of_the_noise() {
+        let shares = Shares::best(&blocks(&[1.0, 4.0]), 2);
+        let [[a, _], [b, _]] = shares.density[..] else { panic!() };
+        assert!((b / a - 2.0).abs() < 1e-9 && ((a + b) / 2.0 - 1.0).abs() < 1e-9);
+        // Errors 1 + 4 evenly, and (1 + 2)^2 / 2 at best.
+        assert!((shares.gain - 5.0 / 4.5).abs() < 1e-9);
+        let dear = |bounces| [HalfBlock { bounces, ..half(256, 8, 1.0) }; 2];
+        let shares = Shares::best(&[dear(0), dear(256 * 8)], 2);
+        let [[a, _], [b, _]] = shares.density[..] else { panic!() };
+        assert!((a / b - (1.0 + BOUNCE_COST).sqrt()).abs() < 1e-9);
+    }
+
+    /// What a half knows decides for the other one.
+    #[test]
+    fn halves_decide_on_each_other() {
+        let mut blocks = blocks(&[1.0; 16]);
+        blocks[5][0].error *= 9.0;
+        let shares = Shares::best(&blocks, 4);
+        let [a, b] = shares.density[5];
+        assert!((b / a - 3.0).abs() < 0.8, "{a} {b}");
+        assert!(shares.gain < 1.01, "noise that one half alone has seen is no gain: {}", shares.gain);
+    }
+
+    #[test]
+    fn shares_stay_in_their_range() {
+        let mut noise = vec![0.0; 400];
+        noise[7] = 1e30;
+        noise[300] = f64::NAN;
+        let shares = Shares::best(&blocks(&noise), 20);
+        assert!(shares.density.iter().flatten().all(|d| (DENSITIES[0]..=DENSITIES[1]).contains(d)));
+        assert_eq!(Shares::best(&blocks(&[0.0; 4]), 2), Shares { density: vec![[1.0; 2]; 4], gain: 1.0 });
+    }
+
+    /// The budget is kept to a sample of the smallest block, nobody loses samples, and steps are whole.
+    #[test]
+    fn targets_keep_the_budget() {
+        let mut blocks = blocks(&[1.0, 9.0, 0.1, 100.0, 3.0, 0.0]);
+        for halves in &mut blocks[4..] {
+            *halves = halves.map(|half| HalfBlock { pixels: 48, ..half });
+        }
+        blocks[2] = blocks[2].map(|half| HalfBlock { samples: 30, ..half });
+        let shares = Shares::best(&blocks, 2);
+        for (mean, step) in [(32, 2), (37, 4), (64, 4), (1000, 1)] {
+            let targets = shares.targets(&blocks, mean, step);
+            let mut total = 0;
+            for (halves, targets) in blocks.iter().zip(&targets) {
+                for (half, target) in halves.iter().zip(targets) {
+                    assert!(*target >= half.samples);
+                    total += half.pixels * u64::from(*target);
+                }
+            }
+            let budget = u64::from(mean) * blocks.iter().map(|halves| halves[0].pixels).sum::<u64>();
+            assert!(total <= budget && total + 48 > budget, "{total} of {budget}");
+        }
+        let targets = shares.targets(&blocks, 64, 4);
+        assert!(targets.iter().flatten().filter(|target| *target % 4 != 0).count() <= 4, "{targets:?}");
+    }
+
+    /// Pixels of mean 1, some with rare bright samples: mean and standard error over many films of 64 samples a pixel, 16
+    /// of them before a decision. If `cross`, halves decide on each other, as they should; otherwise on themselves.
+    fn mean_of_films(cross: bool) -> (f64, f64) {
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 40) as f32 / (1u64 << 24) as f32
+        };
+        let films = 1500;
+        let means: Vec<f64> = (0..films)
+            .map(|_| {
+                let requirements = Requirements::default();
+                let film = Film::new(4, [0, 4, 0, 64], 4, Quantum::for_brightest(256.0), requirements);
+                let mut fill = |block: usize, replicate: u32, samples: u32| {
+                    let rare: f32 = if block == 2 { 1.0 / 128.0 } else { 0.5 };
+                    let mut sums = BlockSums::new(64, requirements);
+                    for sample in 0..64 * samples as usize {
+                        let value = if random() < rare { rare.recip() } else { 0.0 };
+                        sums.add(film.quantum, sample % 64, [value; 3], None);
+                    }
+                    film.add(block, replicate, samples, &sums);
+                };
+                for (block, replicate) in (0..4).flat_map(|block| (0..4).map(move |k| (block, k))) {
+                    fill(block, replicate, 4);
+                }
+                let halves = film.halves();
+                let mut shares = Shares::best(&halves, 1);
+                if !cross {
+                    shares.density.iter_mut().for_each(|density| density.reverse());
+                }
+                film.split();
+                for (block, targets) in shares.targets(&halves, 64, 2).iter().enumerate() {
+                    for replicate in 0..4 {
+                        let target = (targets[replicate % 2] + 1 - replicate as u32 / 2) / 2;
+                        fill(block, replicate as u32, target - 4);
+                    }
+                }
+                let pixels = film.develop().pixels;
+                pixels.iter().map(|pixel| f64::from(pixel[0])).sum::<f64>() / pixels.len() as f64
+            })
+            .collect();
+        let mean = means.iter().sum::<f64>() / films as f64;
+        let variance = means.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (films - 1) as f64;
+        (mean, (variance / films as f64).sqrt())
+    }
+
+    /// No film is too dark for its fireflies having decided on their own dilution. Three standard errors.
+    #[test]
+    fn the_mean_is_unbiased() {
+        let (mean, error) = mean_of_films(true);
+        assert!((mean - 1.0).abs() < 3.0 * error, "{mean} +- {error}");
+        // The test can fail.
+        let (mean, error) = mean_of_films(false);
+        assert!(mean - 1.0 < -5.0 * error, "{mean} +- {error}");
+        println!("halves that decide on themselves: {mean} +- {error}");
+    }
+}

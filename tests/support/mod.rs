@@ -85,6 +85,8 @@ pub struct Rendered {
     pub stats: Stats,
     pub seconds: f64,
     pub pixels: u64,
+    /// Fewest and most samples of a pixel.
+    pub sample_range: [u32; 2],
 }
 
 impl Rendered {
@@ -147,6 +149,7 @@ impl Render {
         let [full_width, full_height] = description.film.resolution;
         let mut image = Image::new(x1 - x0, y1 - y0, developed.pixels.clone());
         image.window = DataWindow { x: x0 as i32, y: y0 as i32, full_width, full_height };
-        Rendered { image, developed, stats, seconds: elapsed.as_secs_f64(), pixels: film.pixels() }
+        let (seconds, sample_range) = (elapsed.as_secs_f64(), film.sample_range());
+        Rendered { image, developed, stats, seconds, pixels: film.pixels(), sample_range }
     }
 }
