@@ -141,3 +141,66 @@ fn any_size_and_any_end() {
         assert_eq!(rendered.stats.camera_rays, rendered.developed.samples);
     }
 }
+
+/// The shipped scenes as a table: relMSE with as many samples, samples in as much processor time, and the product of
+/// both, efficiency. Ratios of adaptive over plain renders, medians over seeds.
+#[test]
+#[ignore = "prints a table, in some minutes"]
+fn table() {
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    println!(
+        "| scene | sampler | spp | used | equal samples | speed | efficiency |\n|---|---|---|---|---|---|---|"
+    );
+    for name in [
+        "caustics",
+        "wineglass",
+        "glass-pane",
+        "two-spheres",
+        "oren-nayar",
+        "depth-of-field",
+        "many-lights",
+        "spotlight",
+        "metals",
+        "cornell",
+        "inside-emitter",
+        "sky-only",
+    ] {
+        let scene = sized(shipped(&format!("{name}.pbrt")), 128, 128);
+        let reference = Render { spp: Some(2048), seed: 777, ..Render::default() }.of(&scene);
+        for sampler in SAMPLERS {
+            for spp in [64, 256] {
+                let measure = |adaptive, seed| {
+                    let spp = Some(spp);
+                    let rendered = Render { adaptive, seed, sampler, spp, ..Render::default() }.of(&scene);
+                    let own = reference.developed.relmse.unwrap();
+                    let error = compare(&rendered.image, &reference.image).unwrap().relmse - own;
+                    (error, rendered.processor, is_uneven(&rendered))
+                };
+                let mut columns = [const { Vec::new() }; 3];
+                let mut used = 0;
+                for seed in 1..=5 {
+                    // Neither is always the first.
+                    let (plain, adaptive) = if seed % 2 == 0 {
+                        let plain = measure(false, seed);
+                        (plain, measure(true, seed))
+                    } else {
+                        let adaptive = measure(true, seed);
+                        (measure(false, seed), adaptive)
+                    };
+                    let (error, speed) = (plain.0 / adaptive.0, plain.1 / adaptive.1);
+                    used += u32::from(adaptive.2);
+                    columns[0].push(error);
+                    columns[1].push(speed);
+                    columns[2].push(error * speed);
+                }
+                let [error, speed, efficiency] = columns.map(median);
+                println!(
+                    "| {name} | {sampler:?} | {spp} | {used} of 5 | {error:.2} | {speed:.2} | {efficiency:.2} |"
+                );
+            }
+        }
+    }
+}
