@@ -18,7 +18,7 @@
 use crate::film::HalfBlock;
 
 /// Least samples of each pixel before the first decision.
-pub const LEAST_PILOT: u32 = 16;
+pub const LEAST_PILOT: u32 = 32;
 
 /// Least replicates of a film: the noise of a half shows in two of them.
 pub const LEAST_REPLICATES: u32 = 4;

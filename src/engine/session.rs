@@ -247,10 +247,10 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Samples a pixel of the first round of an adaptive render: an eighth of all if those are known and it is enough; so
+/// Samples a pixel of the first round of an adaptive render: a quarter of all if those are known and it is enough; so
 /// many that doubling them some times gives all.
 fn first_round(spp: Option<u32>) -> u32 {
-    let halvings = |spp: u32| (spp / LEAST_PILOT).max(1).ilog2().min(3);
+    let halvings = |spp: u32| (spp / LEAST_PILOT).max(1).ilog2().min(2);
     spp.map_or(LEAST_PILOT, |spp| spp.div_ceil(1 << halvings(spp)))
 }
 
