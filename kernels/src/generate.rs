@@ -249,7 +249,7 @@ impl Order {
     fn new(pixels: usize, samples: u32) -> Self {
         let together = 1 << samples.trailing_zeros().min(PACKET.ilog2());
         let samples = samples as usize;
-        if pixels % (PACKET / together) == 0 {
+        if pixels.is_multiple_of(PACKET / together) {
             Order {
                 packet: PACKET,
                 pixels: PACKET / together,

@@ -57,16 +57,46 @@ pub struct TraversalStack {
     pub nodes: Vec<u32>,
     /// The distance at which the ray enters them.
     pub distances: Vec<f32>,
-    /// Nodes to visit, and the distance at which each ray of a packet enters them.
+    /// Nodes to visit, and the distance at which each ray of some packets enters them.
     pub packets: Vec<(u32, PacketDistances)>,
+    /// Nodes to visit, and the rays of some packets that enter them, a bit each.
+    pub lanes: Vec<(u32, u64)>,
     /// Puts rays in order.
     pub sorter: RaySorter,
 }
 
-/// A distance for each ray of a packet, whole cache lines.
+/// A distance for each ray of as many packets as go together, whole cache lines.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
-pub struct PacketDistances(pub [f32; 16]);
+pub struct PacketDistances(pub [[f32; 16]; TOGETHER]);
+
+/// As many rays as a vector has lanes.
+#[derive(Clone, Copy, Debug)]
+pub struct RayPacket<F: Real> {
+    /// Where they start.
+    pub origin: Vec3<F>,
+    /// Unit directions.
+    pub direction: Vec3<F>,
+    /// Those that count.
+    pub active: F::Mask,
+}
+
+impl<F: Real> RayPacket<F> {
+    /// No rays.
+    #[inline(always)]
+    pub fn none() -> Self {
+        let zero = Vec3::splat([0.0; 3]);
+        RayPacket { origin: zero, direction: zero, active: F::Mask::first(0) }
+    }
+}
+
+impl<F: Real> PacketHit<F> {
+    /// None.
+    #[inline(always)]
+    pub fn none() -> Self {
+        PacketHit { t: F::lit(f64::INFINITY), primitive: F::Uint::splat(MISS), u: F::zero(), v: F::zero() }
+    }
+}
 
 /// The closest hits of a packet of rays, as [`Hit`].
 #[derive(Clone, Copy, Debug)]
@@ -102,46 +132,51 @@ pub trait Accelerator: Sync {
         distance: f32,
         stack: &mut TraversalStack,
     ) -> bool;
-    /// The closest hits of the `active` rays of a packet.
+    /// The closest hits of the active rays of some packets that go together.
     #[inline(always)]
-    fn closest_packet<I: Isa>(
+    fn closest_packets<I: Isa, const V: usize>(
         &self,
         isa: I,
-        origin: Vec3<I::Wide>,
-        direction: Vec3<I::Wide>,
-        active: <I::Wide as Real>::Mask,
+        rays: &[RayPacket<I::Wide>; V],
         stack: &mut TraversalStack,
-    ) -> PacketHit<I::Wide> {
-        let (mut t, mut primitive) = ([f32::INFINITY; 16], [MISS; 16]);
-        let (mut u, mut v) = ([0.0; 16], [0.0; 16]);
-        for lane in set_lanes(active.bits()) {
-            let hit = self.closest(isa, origin.lane(lane), direction.lane(lane), stack);
-            (t[lane], primitive[lane], u[lane], v[lane]) = (hit.t, hit.primitive, hit.u, hit.v);
+    ) -> [PacketHit<I::Wide>; V] {
+        let mut out = [PacketHit::none(); V];
+        for (out, packet) in out.iter_mut().zip(rays) {
+            let (mut t, mut primitive) = ([f32::INFINITY; 16], [MISS; 16]);
+            let (mut u, mut v) = ([0.0; 16], [0.0; 16]);
+            for lane in set_lanes(packet.active.bits()) {
+                let hit = self.closest(isa, packet.origin.lane(lane), packet.direction.lane(lane), stack);
+                (t[lane], primitive[lane], u[lane], v[lane]) = (hit.t, hit.primitive, hit.u, hit.v);
+            }
+            *out = PacketHit {
+                t: I::Wide::load(&t, 0),
+                primitive: <I::Wide as Real>::Uint::load(&primitive, 0),
+                u: I::Wide::load(&u, 0),
+                v: I::Wide::load(&v, 0),
+            };
         }
-        PacketHit {
-            t: I::Wide::load(&t, 0),
-            primitive: <I::Wide as Real>::Uint::load(&primitive, 0),
-            u: I::Wide::load(&u, 0),
-            v: I::Wide::load(&v, 0),
-        }
+        out
     }
-    /// The `active` rays of a packet that hit anything within their distance.
+    /// The active rays of some packets that go together which hit anything within their distance, a bit each: the first
+    /// packet's in the lowest 16.
     #[inline(always)]
-    fn occluded_packet<I: Isa>(
+    fn occluded_packets<I: Isa, const V: usize>(
         &self,
         isa: I,
-        origin: Vec3<I::Wide>,
-        direction: Vec3<I::Wide>,
-        distance: I::Wide,
-        active: <I::Wide as Real>::Mask,
+        rays: &[RayPacket<I::Wide>; V],
+        distance: &[I::Wide; V],
         stack: &mut TraversalStack,
-    ) -> <I::Wide as Real>::Mask {
-        let distance = distance.to_array();
-        let blocked = set_lanes(active.bits()).fold(0, |bits, lane| {
-            let blocked = self.occluded(isa, origin.lane(lane), direction.lane(lane), distance[lane], stack);
-            bits | (blocked as u32) << lane
-        });
-        <I::Wide as Real>::Mask::from_bits(blocked)
+    ) -> u64 {
+        let mut blocked = 0;
+        for v in 0..V {
+            let (packet, distance) = (&rays[v], distance[v].to_array());
+            for lane in set_lanes(packet.active.bits()) {
+                let (origin, direction) = (packet.origin.lane(lane), packet.direction.lane(lane));
+                let met = self.occluded(isa, origin, direction, distance[lane], stack);
+                blocked |= (met as u64) << (16 * v + lane);
+            }
+        }
+        blocked
     }
     /// The closest hits of the paths at the places `range`, several in flight at a time.
     #[inline(always)]
@@ -436,19 +471,23 @@ impl<A: Accelerator> Intersect<'_, A> {
         while at < self.range.end {
             // Columns are padded, so whole vectors can be read and written. What is written behind the range is
             // written again by its owner: ranges are traced in ascending order.
-            let active = <I::Wide as Real>::Mask::first((self.range.end - at).min(I::Wide::LANES));
-            let column = |c: &[f32]| I::Wide::load(c, at);
-            let origin = Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
-            let direction =
-                Vec3::new(column(&rays.direction_x), column(&rays.direction_y), column(&rays.direction_z));
-            let hit = self.accelerator.closest_packet(isa, origin, direction, active, self.stack);
-            hit.t.store(&mut hits.t, at);
-            hit.primitive.store(&mut hits.primitive, at);
-            if barycentric {
-                hit.u.store(&mut hits.u, at);
-                hit.v.store(&mut hits.v, at);
+            let mut packets = [RayPacket::none(); TOGETHER];
+            for (k, packet) in packets.iter_mut().enumerate() {
+                let at = (at + k * I::Wide::LANES).min(self.range.end);
+                *packet = rays.packet(at, self.range.end - at);
             }
-            at += I::Wide::LANES;
+            let found = self.accelerator.closest_packets(isa, &packets, self.stack);
+            for hit in &found {
+                if at < self.range.end {
+                    hit.t.store(&mut hits.t, at);
+                    hit.primitive.store(&mut hits.primitive, at);
+                    if barycentric {
+                        hit.u.store(&mut hits.u, at);
+                        hit.v.store(&mut hits.v, at);
+                    }
+                }
+                at += I::Wide::LANES;
+            }
         }
     }
 
@@ -463,13 +502,9 @@ impl<A: Accelerator> Intersect<'_, A> {
         let mut at = 0;
         while at < n {
             let (place, count) = list_lanes::<I::Wide>(&self.order[..n], at);
-            let active = <I::Wide as Real>::Mask::first(count);
             // SAFETY: the list holds places of rays.
-            let column = |c: &[f32]| unsafe { I::Wide::gather(c, place) };
-            let origin = Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
-            let direction =
-                Vec3::new(column(&rays.direction_x), column(&rays.direction_y), column(&rays.direction_z));
-            let hit = self.accelerator.closest_packet(isa, origin, direction, active, self.stack);
+            let packet = unsafe { rays.packet_of(place, count) };
+            let [hit] = self.accelerator.closest_packets(isa, &[packet], self.stack);
             let (t, primitive) = (hit.t.to_array(), hit.primitive.to_array());
             let (u, v) = (hit.u.to_array(), hit.v.to_array());
             let place = place.to_array();
@@ -496,7 +531,52 @@ impl<A: Accelerator> Intersect<'_, A> {
     }
 }
 
+/// Vectors of rays, in the order in which they came into being, that go through the tree together.
+pub const TOGETHER: usize = 2;
+
+macro_rules! packets {
+    ($queue:ident) => {
+        impl $queue {
+            /// Up to `count` rays from place `at` on.
+            #[inline(always)]
+            pub fn packet<F: Real>(&self, at: usize, count: usize) -> RayPacket<F> {
+                let column = |c: &[f32]| F::load(c, at);
+                RayPacket {
+                    origin: Vec3::new(column(&self.origin_x), column(&self.origin_y), column(&self.origin_z)),
+                    direction: Vec3::new(
+                        column(&self.direction_x),
+                        column(&self.direction_y),
+                        column(&self.direction_z),
+                    ),
+                    active: F::Mask::first(count.min(F::LANES)),
+                }
+            }
+        }
+    };
+}
+packets!(PathQueue);
+packets!(ShadowQueue);
+
 impl PathQueue {
+    /// The rays at some places, of which the first `count` matter.
+    ///
+    /// # Safety
+    /// All places are below the capacity.
+    #[inline(always)]
+    unsafe fn packet_of<F: Real>(&self, place: F::Uint, count: usize) -> RayPacket<F> {
+        // SAFETY: the caller's promise.
+        let column = |c: &[f32]| unsafe { F::gather(c, place) };
+        RayPacket {
+            origin: Vec3::new(column(&self.origin_x), column(&self.origin_y), column(&self.origin_z)),
+            direction: Vec3::new(
+                column(&self.direction_x),
+                column(&self.direction_y),
+                column(&self.direction_z),
+            ),
+            active: F::Mask::first(count),
+        }
+    }
+
     /// Origin and direction of the ray at place `i`.
     #[inline(always)]
     pub fn ray(&self, i: usize) -> ([f32; 3], [f32; 3]) {

@@ -250,12 +250,16 @@ pub trait Real:
     /// The smallest lane. Which one it is with NaN is not said.
     #[inline(always)]
     fn least(self) -> f32 {
-        let lanes = self.to_array();
-        let mut least = lanes[0];
-        for &x in &lanes[1..Self::LANES] {
-            least = if x < least { x } else { least };
+        // In halves: one after the other would wait for each comparison.
+        let mut lanes = self.to_array();
+        let mut half = Self::LANES / 2;
+        while half > 0 {
+            for i in 0..half {
+                lanes[i] = if lanes[i + half] < lanes[i] { lanes[i + half] } else { lanes[i] };
+            }
+            half /= 2;
         }
-        least
+        lanes[0]
     }
     /// The largest lane. Which one it is with NaN is not said.
     #[inline(always)]

@@ -6,12 +6,10 @@ pub mod lights;
 
 pub use lights::LightTable;
 
-use crate::intersect::{Accelerator, Traversal, TraversalStack};
+use crate::intersect::{Accelerator, RayPacket, TOGETHER, Traversal, TraversalStack};
 use crate::isa::{Isa, Kernel};
-use crate::lanes::{Mask, Real, Uint};
-use crate::math::Vec3;
-use crate::queue::{PAD, SHADOW_RAYS, ShadowQueue, SlotTable};
-use crate::shade::list_lanes;
+use crate::lanes::{Mask, Real};
+use crate::queue::{ShadowQueue, SlotTable};
 use core::ops::Range;
 
 /// The kernel: traces some of the rays. A path has at most one of them, so their order does not matter.
@@ -35,8 +33,8 @@ impl<A: Accelerator> Kernel for LightSample<'_, A> {
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) {
         match self.traversal {
-            Traversal::Packets => self.packets(isa),
-            Traversal::Sorted => self.sorted(isa),
+            // In order they took 1.00 to 1.28 times the time: they go to few lights, and are in order as they come.
+            Traversal::Packets | Traversal::Sorted => self.packets(isa),
             Traversal::Single => {
                 let Self { accelerator, shadows, range, slots, stack, .. } = self;
                 for i in range {
@@ -58,61 +56,25 @@ impl<A: Accelerator> Kernel for LightSample<'_, A> {
 impl<A: Accelerator> LightSample<'_, A> {
     #[inline(always)]
     fn packets<I: Isa>(self, isa: I) {
-        let rays = self.shadows;
+        let (rays, end) = (self.shadows, self.range.end);
         let mut at = self.range.start;
-        while at < self.range.end {
+        while at < end {
             // Columns are padded, so whole vectors can be read.
-            let count = (self.range.end - at).min(I::Wide::LANES);
-            let active = <I::Wide as Real>::Mask::first(count);
-            let column = |c: &[f32]| I::Wide::load(c, at);
-            let origin = Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
-            let direction =
-                Vec3::new(column(&rays.direction_x), column(&rays.direction_y), column(&rays.direction_z));
-            let distance = column(&rays.distance);
-            let blocked =
-                self.accelerator.occluded_packet(isa, origin, direction, distance, active, self.stack);
-            let mut free = (active & !blocked).bits();
-            while free != 0 {
-                self.slots.add_shadow(rays, at + free.trailing_zeros() as usize);
-                free &= free - 1;
+            let mut packets = [RayPacket::none(); TOGETHER];
+            let mut distance = [I::Wide::zero(); TOGETHER];
+            for (v, (packet, distance)) in packets.iter_mut().zip(&mut distance).enumerate() {
+                let at = (at + v * I::Wide::LANES).min(end);
+                *packet = rays.packet(at, end - at);
+                *distance = I::Wide::load(&rays.distance, at);
             }
-            at += count;
-        }
-    }
-}
-
-impl<A: Accelerator> LightSample<'_, A> {
-    #[inline(always)]
-    fn sorted<I: Isa>(self, isa: I) {
-        let rays = self.shadows;
-        let (mut keys, mut order) = ([0; SHADOW_RAYS + PAD], [0; SHADOW_RAYS]);
-        for start in self.range.clone().step_by(SHADOW_RAYS) {
-            let piece = start..self.range.end.min(start + SHADOW_RAYS);
-            let n = piece.len();
-            self.stack.sorter.sort::<I::Wide>(rays, piece, &mut keys, &mut order);
-            let mut at = 0;
-            while at < n {
-                let (place, count) = list_lanes::<I::Wide>(&order[..n], at);
-                let active = <I::Wide as Real>::Mask::first(count);
-                // SAFETY: the list holds places of rays.
-                let column = |c: &[f32]| unsafe { I::Wide::gather(c, place) };
-                let origin =
-                    Vec3::new(column(&rays.origin_x), column(&rays.origin_y), column(&rays.origin_z));
-                let direction = Vec3::new(
-                    column(&rays.direction_x),
-                    column(&rays.direction_y),
-                    column(&rays.direction_z),
-                );
-                let distance = column(&rays.distance);
-                let blocked =
-                    self.accelerator.occluded_packet(isa, origin, direction, distance, active, self.stack);
-                let mut free = (active & !blocked).bits();
-                let place = place.to_array();
+            let blocked = self.accelerator.occluded_packets(isa, &packets, &distance, self.stack);
+            for (v, packet) in packets.iter().enumerate() {
+                let mut free = packet.active.bits() & !(blocked >> (16 * v)) as u32;
                 while free != 0 {
-                    self.slots.add_shadow(rays, place[free.trailing_zeros() as usize & 15] as usize);
+                    self.slots.add_shadow(rays, at + free.trailing_zeros() as usize);
                     free &= free - 1;
                 }
-                at += count;
+                at += I::Wide::LANES;
             }
         }
     }

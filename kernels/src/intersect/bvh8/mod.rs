@@ -5,11 +5,11 @@ mod packet;
 mod single;
 
 use super::ray_sort::RaySorter;
-use super::{Accelerator, Hit, PacketDistances, PacketHit, RayClass, Traversal, TraversalStack, bvh2};
+use super::{
+    Accelerator, Hit, PacketDistances, PacketHit, RayClass, RayPacket, Traversal, TraversalStack, bvh2,
+};
 use crate::huge::HugeArray;
 use crate::isa::Isa;
-use crate::lanes::{Real, Uint};
-use crate::math::Vec3;
 use crate::queue::{HitQueue, PathQueue, ShadowQueue};
 use crate::scene::{Geometry, MISS};
 use bytemuck::{Pod, Zeroable};
@@ -337,29 +337,23 @@ impl Accelerator for Bvh8<'_> {
         self.walk::<I, true>(Child(0), origin, direction, none, stack).primitive != MISS
     }
     #[inline(always)]
-    fn closest_packet<I: Isa>(
+    fn closest_packets<I: Isa, const V: usize>(
         &self,
         _: I,
-        origin: Vec3<I::Wide>,
-        direction: Vec3<I::Wide>,
-        active: <I::Wide as Real>::Mask,
+        rays: &[RayPacket<I::Wide>; V],
         stack: &mut TraversalStack,
-    ) -> PacketHit<I::Wide> {
-        let far = I::Wide::lit(f64::INFINITY);
-        self.walk_packet::<I, false>(origin, direction, far, active, stack)
+    ) -> [PacketHit<I::Wide>; V] {
+        self.walk_packets::<I, V>(rays, stack)
     }
     #[inline(always)]
-    fn occluded_packet<I: Isa>(
+    fn occluded_packets<I: Isa, const V: usize>(
         &self,
         _: I,
-        origin: Vec3<I::Wide>,
-        direction: Vec3<I::Wide>,
-        distance: I::Wide,
-        active: <I::Wide as Real>::Mask,
+        rays: &[RayPacket<I::Wide>; V],
+        distance: &[I::Wide; V],
         stack: &mut TraversalStack,
-    ) -> <I::Wide as Real>::Mask {
-        let hit = self.walk_packet::<I, true>(origin, direction, distance, active, stack);
-        !hit.primitive.eq(<I::Wide as Real>::Uint::splat(MISS))
+    ) -> u64 {
+        self.walk_packets_any::<I, V>(rays, distance, stack)
     }
     #[inline(always)]
     fn closest_interleaved<I: Isa>(
@@ -420,7 +414,8 @@ impl Accelerator for Bvh8<'_> {
             nodes: vec![0; IN_FLIGHT * self.stack],
             distances: vec![0.0; IN_FLIGHT * self.stack],
             sorter: RaySorter::new(self.bounds()),
-            packets: vec![(0, PacketDistances([0.0; 16])); self.stack],
+            lanes: vec![(0, 0); self.stack],
+            packets: vec![(0, PacketDistances::default()); self.stack],
         }
     }
     fn bytes(&self) -> usize {
