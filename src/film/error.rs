@@ -223,7 +223,7 @@ impl Kernel for BlockErrors<'_> {
                 }
             }
             let weight_around = around(&others.weight);
-            for c in 0..3 {
+            for (c, nearness) in nearness.iter().enumerate() {
                 let radiance_around = around(&others.radiance[c]);
                 for p in 0..BLOCK_PIXELS {
                     let mean = own.radiance[c][p] / own.weight[p];
@@ -232,9 +232,9 @@ impl Kernel for BlockErrors<'_> {
                     // nearer to the latter.
                     let mean_around = radiance_around[p] / weight_around[p];
                     let distance = mean_around - reference;
-                    let in_noise = distance * distance * nearness[c][p];
+                    let in_noise = distance * distance * nearness[p];
                     let blended = reference + distance / (1.0 + in_noise * in_noise);
-                    let noisy = (nearness[c][p] > 0.0) & (weight_around[p] > 0.0);
+                    let noisy = (nearness[p] > 0.0) & (weight_around[p] > 0.0);
                     let relative_to = if noisy { blended } else { reference };
                     let difference = mean - reference;
                     let error = share * difference * difference / (relative_to * relative_to + EPSILON);
