@@ -33,6 +33,7 @@ fn render(c: &mut Criterion) {
                 batch: DEFAULT_BATCH,
                 level: Level::detect(),
                 policy: Policy::Auto,
+                adaptive: false,
             };
             group.bench_function(name, |b| {
                 b.iter_custom(|times| {

@@ -7,11 +7,17 @@
 //! below the rounding of an `f32` for anything that can be seen, and there is room above for 2^25 samples that are
 //! each 2^38 times brighter than that light.
 
+mod error;
 pub mod live_error;
 
+pub use error::ErrorEstimate;
+
+use error::{BlockErrors, BlockVariances, ErrorSum, Replicates};
 use rayon::prelude::*;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 use wavepath_kernels::generate::{BLOCK_PIXELS, BLOCK_SIDE, PixelBlock};
+use wavepath_kernels::isa::Level;
 use wavepath_kernels::queue::Requirements;
 use wavepath_kernels::scene::Scene;
 
@@ -72,6 +78,8 @@ pub struct BlockSums {
     pub weight: Vec<i64>,
     /// Samples that were dropped.
     pub invalid: u64,
+    /// Rays that were traced beyond those from the camera and towards lights.
+    pub bounces: u64,
 }
 
 impl BlockSums {
@@ -81,6 +89,7 @@ impl BlockSums {
             radiance: vec![[0; 3]; pixels],
             weight: if requirements.filter_weights { vec![0; pixels] } else { Vec::new() },
             invalid: 0,
+            bounces: 0,
         }
     }
     /// Back to no samples.
@@ -88,6 +97,7 @@ impl BlockSums {
         self.radiance.fill([0; 3]);
         self.weight.fill(0);
         self.invalid = 0;
+        self.bounces = 0;
     }
     /// Adds a sample. What is not a number, infinite or negative counts as black and is counted.
     #[inline]
@@ -122,6 +132,13 @@ struct FilmBlock {
     samples: Vec<u32>,
 }
 
+impl FilmBlock {
+    /// Samples of a pixel in the replicates of even (0) or odd (1) number.
+    fn samples_of_half(&self, half: usize) -> u32 {
+        self.samples.iter().skip(half).step_by(2).sum()
+    }
+}
+
 /// The film.
 #[derive(Debug)]
 pub struct Film {
@@ -138,6 +155,7 @@ pub struct Film {
     /// What the scene needs.
     pub requirements: Requirements,
     state: Vec<Mutex<FilmBlock>>,
+    split: AtomicBool,
 }
 
 /// A finished picture.
@@ -155,13 +173,17 @@ pub struct Developed {
     pub relmse_interval: Option<[f64; 2]>,
 }
 
-/// An estimate of the error of a film.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ErrorEstimate {
-    /// relMSE against the converged picture.
-    pub relmse: f64,
-    /// Its 95 % interval.
-    pub interval: [f64; 2],
+/// What half of the replicates know of a block.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HalfBlock {
+    /// Pixels.
+    pub pixels: u64,
+    /// Samples of each pixel.
+    pub samples: u32,
+    /// Rays of all samples beyond those from the camera and towards lights.
+    pub bounces: u64,
+    /// Estimated relative squared error of the half's means, sum over the pixels; 0 with fewer than two replicates.
+    pub error: f64,
 }
 
 /// What is known of each pixel beside its mean; row by row, of the pixels in the bounds.
@@ -201,7 +223,8 @@ impl Film {
                 })
             })
             .collect();
-        Film { blocks, image_width, bounds, replicates, quantum, requirements, state }
+        let split = AtomicBool::new(false);
+        Film { blocks, image_width, bounds, replicates, quantum, requirements, state, split }
     }
 
     /// An empty film for `spp` samples of each pixel of a scene; `None`: as many as the time allows.
@@ -256,6 +279,7 @@ impl Film {
             *to += from;
         }
         to.invalid += sums.invalid;
+        to.bounces += sums.bounces;
     }
 
     /// Pixel means, and the estimate of their error from the spread of the replicates.
@@ -293,6 +317,45 @@ impl Film {
         error.estimate()
     }
 
+    /// Both halves of each block: the replicates of even and of odd number.
+    pub fn halves(&self) -> Vec<[HalfBlock; 2]> {
+        let of_block = |(block, state): (&PixelBlock, &Mutex<FilmBlock>)| {
+            let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            [0, 1].map(|half| HalfBlock {
+                pixels: block.pixels() as u64,
+                samples: state.samples_of_half(half),
+                bounces: state.sums.iter().skip(half).step_by(2).map(|sums| sums.bounces).sum(),
+                error: self.error_of_half(&state, block, half),
+            })
+        };
+        // In the order of the blocks, so that threads change nothing.
+        (&self.blocks, &self.state).into_par_iter().map(of_block).collect()
+    }
+
+    /// From now on both halves of the replicates count the same in a mean, even if one has more samples: for samples
+    /// of either half that depend on what the other has seen. Weighed by their samples, the half that has seen more
+    /// light would count less.
+    pub fn split(&self) {
+        self.split.store(true, Ordering::Relaxed);
+    }
+
+    /// Blocks of a row.
+    pub fn block_columns(&self) -> usize {
+        (self.bounds[1] - self.bounds[0]).div_ceil(BLOCK_SIDE as u32) as usize
+    }
+
+    /// Fewest and most samples of a pixel.
+    pub fn sample_range(&self) -> [u32; 2] {
+        let samples = (0..self.blocks.len()).map(|block| self.samples(block));
+        samples.fold([u32::MAX, 0], |[least, most], n| [least.min(n), most.max(n)])
+    }
+
+    /// Samples of each pixel of a block.
+    fn samples(&self, block: usize) -> u32 {
+        let state = self.state[block].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        state.samples.iter().sum()
+    }
+
     /// The error of a block, and the samples of each of its pixels.
     fn error_of_block(&self, block: usize) -> (ErrorSum, u64) {
         let state = self.state[block].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
@@ -307,9 +370,12 @@ impl Film {
         for (block, state) in self.blocks.iter().zip(&self.state) {
             let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             let samples = state.samples.iter().sum();
-            for pixel in 0..block.pixels() {
+            let (replicates, scale) = (Replicates::all(&state), self.split_loss(&state));
+            let variances =
+                Level::detect().run(BlockVariances { replicates, block, quantum: self.quantum, scale });
+            for (pixel, variance) in variances.into_iter().enumerate() {
                 let place = self.place(block, pixel);
-                out.variance[place] = self.replicates(&state, pixel).variance().map(|x| x as f32);
+                out.variance[place] = variance.map(|x| x as f32);
                 out.samples[place] = samples;
             }
         }
@@ -325,210 +391,51 @@ impl Film {
 
     /// Mean of one pixel: the sum over replicates is exact, and rounded once.
     fn mean(&self, state: &FilmBlock, pixel: usize) -> [f32; 3] {
-        let samples: u64 = state.samples.iter().map(|&n| n as u64).sum();
-        let weights = state.sums.iter().filter_map(|sums| sums.weight.get(pixel));
-        let weight = if self.requirements.filter_weights { weights.sum() } else { samples as i64 };
-        if weight <= 0 {
-            return [0.0; 3];
+        if self.is_split() {
+            let halves = [0, 1].map(|half| self.mean_of(state, pixel, half, 2));
+            if let [Some(a), Some(b)] = halves {
+                return core::array::from_fn(|k| (0.5 * (a[k] + b[k])) as f32);
+            }
         }
-        core::array::from_fn(|k| {
-            let total = state.sums.iter().map(|sums| sums.radiance[pixel][k]).sum();
-            (self.quantum.value(total) / weight as f64) as f32
-        })
+        self.mean_of(state, pixel, 0, 1).map_or([0.0; 3], |mean| mean.map(|x| x as f32))
     }
 
-    /// The sums of one pixel, by replicate.
-    #[inline]
-    fn replicates(&self, state: &FilmBlock, pixel: usize) -> Replicates {
-        let mut out = Replicates::default();
-        for (sums, &samples) in state.sums.iter().zip(&state.samples).filter(|(_, n)| **n > 0) {
-            let k = out.count;
-            out.samples[k] = samples as f64;
-            out.weight[k] = sums.weight.get(pixel).map_or(samples as f64, |&weight| weight as f64);
-            out.radiance[k] = sums.radiance[pixel].map(|sum| self.quantum.value(sum));
-            out.count += 1;
-        }
-        out
+    /// Mean of a pixel in some replicates; none where negative lobes outweigh the rest.
+    fn mean_of(&self, state: &FilmBlock, pixel: usize, first: usize, step: usize) -> Option<[f64; 3]> {
+        let sums = || state.sums.iter().skip(first).step_by(step);
+        let weight: i64 = if self.requirements.filter_weights {
+            sums().filter_map(|sums| sums.weight.get(pixel)).sum()
+        } else {
+            state.samples.iter().skip(first).step_by(step).map(|&n| i64::from(n)).sum()
+        };
+        let total = |k| self.quantum.value(sums().map(|sums| sums.radiance[pixel][k]).sum());
+        (weight > 0).then(|| core::array::from_fn(|k| total(k) / weight as f64))
+    }
+
+    fn is_split(&self) -> bool {
+        self.split.load(Ordering::Relaxed)
+    }
+
+    /// Variance of the mean over that of a mean in which all samples count the same.
+    fn split_loss(&self, state: &FilmBlock) -> f64 {
+        let [a, b] = [0, 1].map(|half| f64::from(state.samples_of_half(half)));
+        if self.is_split() && a > 0.0 && b > 0.0 { (a + b) * (a + b) / (4.0 * a * b) } else { 1.0 }
+    }
+
+    /// Relative squared error of the mean of a half, sum over the pixels.
+    fn error_of_half(&self, state: &FilmBlock, block: &PixelBlock, half: usize) -> f64 {
+        let replicates = Replicates { state, first: half, step: 2 };
+        Level::detect().run(BlockErrors { replicates, block, quantum: self.quantum, scale: 1.0 }).sum
     }
 
     fn block_error(&self, state: &FilmBlock, block: &PixelBlock) -> ErrorSum {
-        let mut error = ErrorSum::default();
-        if state.samples.iter().filter(|n| **n > 0).count() < 2 {
-            return error;
-        }
-        let pixels: Vec<Replicates> =
-            (0..block.pixels()).map(|pixel| self.replicates(state, pixel)).collect();
-        let variance: Vec<[f64; 3]> = pixels.iter().map(Replicates::variance).collect();
-        let mut places = [[usize::MAX; BLOCK_SIDE]; BLOCK_SIDE];
-        for pixel in 0..block.pixels() {
-            places[block.rows[pixel] as usize][block.columns[pixel] as usize] = pixel;
-        }
-        for (pixel, own) in pixels.iter().enumerate() {
-            let near = |at: u32| at.saturating_sub(REACH) as usize..BLOCK_SIDE.min((at + REACH) as usize + 1);
-            let mut around = Neighbourhood::default();
-            for row in &places[near(block.rows[pixel])] {
-                for &place in row[near(block.columns[pixel])].iter().filter(|place| **place != usize::MAX) {
-                    around.add(&pixels[place], &variance[place]);
-                }
-            }
-            error.add(own.relative_error(&around));
-        }
-        error
+        let (replicates, scale) = (Replicates::all(state), self.split_loss(state));
+        Level::detect().run(BlockErrors { replicates, block, quantum: self.quantum, scale })
     }
 }
 
 /// Most replicates of a film.
 const MOST_REPLICATES: usize = 8;
-
-/// The sums of a pixel over the samples of each replicate that has some.
-#[derive(Default)]
-struct Replicates {
-    count: usize,
-    radiance: [[f64; 3]; MOST_REPLICATES],
-    weight: [f64; MOST_REPLICATES],
-    samples: [f64; MOST_REPLICATES],
-}
-
-impl Replicates {
-    /// Variance of the mean of all, as their spread tells; NaN if there are fewer than two.
-    fn variance(&self) -> [f64; 3] {
-        let used = 0..self.count;
-        let weight: f64 = self.weight[used.clone()].iter().sum();
-        if self.count < 2 || weight <= 0.0 {
-            return [f64::NAN; 3];
-        }
-        core::array::from_fn(|c| {
-            let mean = used.clone().map(|k| self.radiance[k][c]).sum::<f64>() / weight;
-            // Of a ratio, to first order: of what each replicate adds to the sum beyond its share.
-            let squares: f64 =
-                used.clone().map(|k| (self.radiance[k][c] - mean * self.weight[k]).powi(2)).sum();
-            let count = self.count as f64;
-            squares * count / (count - 1.0) / (weight * weight)
-        })
-    }
-
-    /// What all replicates but one add up to: weight and radiance.
-    fn others(&self) -> impl Iterator<Item = (f64, [f64; 3])> {
-        let weight: f64 = self.weight[..self.count].iter().sum();
-        let total: [f64; 3] =
-            core::array::from_fn(|c| self.radiance[..self.count].iter().map(|sum| sum[c]).sum());
-        (0..self.count)
-            .map(move |k| (weight - self.weight[k], core::array::from_fn(|c| total[c] - self.radiance[k][c])))
-    }
-
-    /// Squared error of the mean relative to the truth, mean over the channels.
-    ///
-    /// Each replicate is held against all others, which stand for the reference. With a variance of s a sample, the
-    /// means of n and of m samples differ by s (1/n + 1/m) in the mean square; the variance of the mean of all is
-    /// s / (n + m). What the error is relative to is the mean of the others, too: relative to a mean that a firefly is
-    /// part of, no firefly has an error above 1. (That was tried: it stated a quarter of the true error of a Cornell
-    /// box with caustics.)
-    ///
-    /// Where few of the samples find any light, most of the means of the others are too dark, and errors relative to
-    /// them too large: up to seven times at 64 spp. There the means over the neighbourhood stand in, as far as pixel
-    /// and neighbourhood differ by no more than noise.
-    fn relative_error(&self, around: &Neighbourhood) -> f64 {
-        let samples: f64 = self.samples[..self.count].iter().sum();
-        let mut sum = 0.0;
-        for (k, (others, total)) in self.others().enumerate() {
-            // Where negative lobes outweigh the rest there is no mean to speak of.
-            if self.weight[k] <= 0.0 || others <= 0.0 {
-                continue;
-            }
-            let share = self.samples[k] * (samples - self.samples[k]) / (samples * samples);
-            for (c, total) in total.iter().enumerate() {
-                let mean = self.radiance[k][c] / self.weight[k];
-                let reference = total / others;
-                let relative_to = around.blend(k, c, reference);
-                sum += share * (mean - reference).powi(2)
-                    / (relative_to * relative_to + crate::compare::EPSILON);
-            }
-        }
-        sum / (3 * self.count) as f64
-    }
-}
-
-/// How far a neighbourhood reaches, in pixels; it ends with the block.
-const REACH: u32 = 2;
-
-/// The pixels around one, by the replicate that is left out.
-#[derive(Default)]
-struct Neighbourhood {
-    pixels: f64,
-    weight: [f64; MOST_REPLICATES],
-    radiance: [[f64; 3]; MOST_REPLICATES],
-    variance: [f64; 3],
-}
-
-impl Neighbourhood {
-    fn add(&mut self, pixel: &Replicates, variance: &[f64; 3]) {
-        self.pixels += 1.0;
-        for (k, (weight, radiance)) in pixel.others().enumerate() {
-            self.weight[k] += weight;
-            for (sum, radiance) in self.radiance[k].iter_mut().zip(radiance) {
-                *sum += radiance;
-            }
-        }
-        for (sum, variance) in self.variance.iter_mut().zip(variance) {
-            *sum += variance;
-        }
-    }
-
-    /// Between a pixel's mean and that of the neighbourhood, without replicate `k`: the more of their distance can be
-    /// noise, the nearer to the latter.
-    fn blend(&self, k: usize, c: usize, pixel: f64) -> f64 {
-        let variance = self.variance[c] / self.pixels;
-        if variance.is_nan() || variance <= 0.0 || self.weight[k] <= 0.0 {
-            return pixel;
-        }
-        let around = self.radiance[k][c] / self.weight[k];
-        let distance = (pixel - around).powi(2) / (4.0 * variance);
-        let share = 1.0 / (1.0 + distance * distance);
-        share * around + (1.0 - share) * pixel
-    }
-}
-
-/// Sums over pixels, whose errors are independent of each other.
-///
-/// The interval is from the spread over pixels: of two neighbours `a` and `b`, the variance of `a + b` is the mean of
-/// `(a - b)^2`, if both expect the same; where they do not, it is less, and the interval too wide.
-#[derive(Clone, Copy, Debug, Default)]
-struct ErrorSum {
-    sum: f64,
-    pixels: u64,
-    /// Sum over pairs of neighbours of the squared difference.
-    squares: f64,
-    /// A pixel whose neighbour is to come.
-    last: Option<f64>,
-}
-
-impl ErrorSum {
-    /// The error of the next pixel.
-    fn add(&mut self, error: f64) {
-        self.sum += error;
-        self.pixels += 1;
-        self.last = match self.last {
-            Some(last) => {
-                self.squares += (error - last).powi(2);
-                None
-            }
-            None => Some(error),
-        };
-    }
-    fn merge(&mut self, other: &ErrorSum) {
-        self.sum += other.sum;
-        self.pixels += other.pixels;
-        self.squares += other.squares + other.last.map_or(0.0, |last| last * last);
-    }
-    fn estimate(&self) -> Option<ErrorEstimate> {
-        (self.pixels > 0).then(|| {
-            let pixels = self.pixels as f64;
-            let relmse = self.sum / pixels;
-            let half = 1.96 * self.squares.sqrt() / pixels;
-            ErrorEstimate { relmse, interval: [(relmse - half).max(0.0), relmse + half] }
-        })
-    }
-}
 
 /// Pixels in `[x0, x1, y0, y1]`.
 fn pixels_in([x0, x1, y0, y1]: [u32; 4]) -> u64 {

@@ -42,6 +42,8 @@ pub struct Report {
     pub estimated_relmse: Option<f64>,
     /// 95 % interval of that estimate, from the spread over pixels.
     pub estimated_relmse_interval: Option<[f64; 2]>,
+    /// What `--adaptive` came to; none without it.
+    pub adaptive: Option<Adaptive>,
     /// What ended the render: `samples`, `time`, `error` or `interrupt`; none in reports of earlier versions.
     pub stopped_by: Option<String>,
     /// Most memory that the process had resident, in bytes.
@@ -60,6 +62,31 @@ pub struct Report {
     pub seed: u64,
     /// Version of wavepath.
     pub version: String,
+}
+
+/// What adaptive sampling came to.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Adaptive {
+    /// Whether samples were spread unevenly: where that would not pay, they are not.
+    pub used: bool,
+    /// Efficiency, 1 / (relMSE x time), over that of samples spread evenly, as the last decision predicted it; none if
+    /// there were too few samples to decide.
+    pub predicted_gain: Option<f64>,
+    /// Fewest samples of a pixel.
+    pub least_spp: u32,
+    /// Most samples of a pixel.
+    pub most_spp: u32,
+}
+
+impl fmt::Display for Adaptive {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { used, predicted_gain, least_spp, most_spp } = self;
+        match predicted_gain {
+            Some(gain) if *used => write!(f, "{least_spp} to {most_spp} spp, predicted gain {gain:.2}"),
+            Some(gain) => write!(f, "samples are even: a gain of {gain:.2} was predicted, too little to pay"),
+            None => f.write_str("samples are even: too few of them to decide"),
+        }
+    }
 }
 
 /// Rays by class.
@@ -147,6 +174,9 @@ impl fmt::Display for Report {
             }
             (Some(error), None) => row(f, "relMSE", format_args!("{error:.3e} (estimated)"))?,
             (None, _) => row(f, "relMSE", "unknown")?,
+        }
+        if let Some(adaptive) = self.adaptive {
+            row(f, "adaptive", adaptive)?;
         }
         row(f, "invalid samples", self.invalid_samples)?;
         let memory = self.peak_memory_bytes.map_or("unknown".into(), mebibytes);
@@ -256,6 +286,7 @@ mod tests {
             invalid_samples: 0,
             estimated_relmse: Some(1.25e-3),
             estimated_relmse_interval: Some([1.2e-3, 1.3e-3]),
+            adaptive: None,
             stopped_by: Some("samples".into()),
             peak_memory_bytes: Some(10 << 20),
             threads: 2,
@@ -335,6 +366,10 @@ mod tests {
         for part in ["640 x 480, 64 spp", "9.830 M/s", "60.000 M/s", "75.0 %", "1.250e-3", "10.0 MiB"] {
             assert!(table.contains(part), "{part} is missing in\n{table}");
         }
+        let adaptive = Adaptive { used: true, predicted_gain: Some(1.5), least_spp: 8, most_spp: 200 };
+        assert!(!table.contains("adaptive"));
+        let table = Report { adaptive: Some(adaptive), ..example() }.to_string();
+        assert!(table.contains("8 to 200 spp, predicted gain 1.50"), "{table}");
         let width = table.lines().map(str::len).max().unwrap();
         assert!(width < 80, "{table}");
     }

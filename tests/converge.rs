@@ -78,9 +78,10 @@ fn error_falls_with_time_against_a_reference() {
 fn replicates_stand_for_the_reference() {
     let scratch = Scratch::new("replicates");
     let arguments = ["--engines", "wavefront", "--budget", "300ms", "--seeds", "4", "--resolution", "96x96"];
-    let output = converge("two-spheres.pbrt", &arguments, &scratch.0);
+    let output = converge("two-spheres.pbrt", &[&arguments[..], &["--adaptive"]].concat(), &scratch.0);
+    assert!(String::from_utf8_lossy(&output.stdout).contains("wavefront/sobol/adaptive"));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(String::from_utf8(output.stderr).unwrap().contains("2 variants x 4 seeds x 0.3 s"));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("4 variants x 4 seeds x 0.3 s"));
     let json: Value = serde_json::from_slice(&fs::read(scratch.0.join("converge.json")).unwrap()).unwrap();
     assert_eq!(json["reference"]["kind"]["replicates"]["count"], 8);
     for variant in json["summaries"][0]["variants"].as_array().unwrap() {

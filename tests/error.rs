@@ -128,6 +128,7 @@ fn to_error(scene: &SceneDescription, error: f64, spp: Option<u32>, threads: usi
         batch: 4096,
         level: Level::detect(),
         policy: Policy::Auto,
+        adaptive: false,
     };
     let stop = Stop { spp, time: None, interrupted: NEVER.clone() };
     let mut session = Session::new(&built, &plan, &tree, &film, &settings, stop).unwrap();

@@ -134,6 +134,34 @@ fn the_report_has_all_keys_and_adds_up() {
 }
 
 #[test]
+fn the_report_says_what_adaptive_sampling_did() {
+    let scratch = Scratch::new("adaptive");
+    let report = |scene: &str, more: &[&str]| {
+        let base =
+            ["render", &shipped(scene), "-o", "a.exr", "--report", "a.json", "--resolution", "128x128"];
+        let output = scratch.wavepath(&[&base[..], more].concat());
+        assert_done(&output);
+        (json(&scratch.file("a.json")), text(&output.stdout))
+    };
+    let (plain, told) = report("two-spheres.pbrt", &["--spp", "64"]);
+    assert!(plain["adaptive"].is_null() && !told.contains("\nadaptive"));
+    let (few, told) = report("two-spheres.pbrt", &["--spp", "2", "--adaptive"]);
+    assert!(few["adaptive"]["used"] == false && few["adaptive"]["predicted_gain"].is_null());
+    assert!(told.contains("too few of them to decide"), "{told}");
+    let ends: [&[&str]; 2] = [&["--spp", "64"], &["--error", "1e-4", "--spp", "1000", "--time", "60s"]];
+    for end in ends {
+        let (used, told) = report("two-spheres.pbrt", &[end, &["--adaptive", "--layers"]].concat());
+        let adaptive = &used["adaptive"];
+        let spp = |key: &str| adaptive[key].as_u64().unwrap();
+        assert!(adaptive["used"] == true && adaptive["predicted_gain"].as_f64().unwrap() > 1.0);
+        assert!(spp("least_spp") < spp("most_spp") && told.contains("predicted gain"), "{told}");
+    }
+    let (even, told) = report("cornell.pbrt", &["--spp", "64", "--adaptive"]);
+    assert_eq!((&even["adaptive"]["used"], &even["adaptive"]["least_spp"]), (&false.into(), &64.into()));
+    assert!(told.contains("too little to pay"), "{told}");
+}
+
+#[test]
 fn quiet_prints_nothing() {
     let scratch = Scratch::new("quiet");
     let scene = shipped("two-spheres.pbrt");

@@ -39,6 +39,7 @@ fn render(name: &str, spp: u32) -> Image {
         batch: wavefront::DEFAULT_BATCH,
         level: Level::detect(),
         policy: Policy::Auto,
+        adaptive: false,
     };
     let tree = Tree::build(settings.engine, &scene);
     let stop = Stop { spp: Some(spp), time: None, interrupted: Arc::new(AtomicBool::new(false)) };

@@ -46,7 +46,7 @@ pub fn roulette<F: Real, S: Sampler>(
 }
 
 /// The kernel: plays for all paths of a queue and packs the survivors to its front. Slots of the others join the
-/// free ones, whose number it returns.
+/// free ones, whose number it returns; above [`SLOT_BITS`] they tell how many rays the path had after the first one.
 pub struct RouletteCompact<'a, S> {
     /// Paths; packed in place.
     pub paths: &'a mut PathQueue,
@@ -124,7 +124,8 @@ fn roulette_compact<F: Real, S: Sampler>(
         throughput.y.compress(lives, &mut paths.throughput_g, to);
         throughput.z.compress(lives, &mut paths.throughput_b, to);
         slot_depth.compress(lives, &mut paths.slot_depth, to);
-        slot.compress(ends, &mut order.list, free);
+        // The last vertex was scattered from in vain.
+        (slot_depth - F::Uint::splat(1 << SLOT_BITS)).compress(ends, &mut order.list, free);
         to += lives.count();
         free += ends.count();
         at += count;

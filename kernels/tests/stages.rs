@@ -126,7 +126,8 @@ fn roulette_packs_the_survivors_and_accounts_for_all_slots() {
                 });
                 assert!(order.list[..already].iter().all(|&s| s == u32::MAX), "earlier entries stay");
                 let slot_mask = (1 << SLOT_BITS) - 1;
-                let dead: HashSet<u32> = order.list[already..finished].iter().copied().collect();
+                let dead: HashSet<u32> =
+                    order.list[already..finished].iter().map(|s| s & slot_mask).collect();
                 let alive: Vec<u32> = paths.slot_depth[..paths.len].iter().map(|s| s & slot_mask).collect();
                 assert_eq!((dead.len(), dead.len() + alive.len()), (finished - already, n));
                 let slot_of = |i: usize| (before.slot_depth[i] & slot_mask) as usize;

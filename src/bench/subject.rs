@@ -124,6 +124,7 @@ impl<'a> Subject<'a> {
             batch: variant.batch,
             level: variant.level,
             policy: variant.policy,
+            adaptive: false,
         };
         let stop = Stop { spp: Some(spp), time: None, interrupted: Default::default() };
         let clock = Clock::start();

@@ -35,6 +35,10 @@ pub struct RenderArgs {
     #[arg(long, value_name = "RELMSE", value_parser = parse::error, allow_hyphen_values = true)]
     pub error: Option<f64>,
 
+    /// Take more samples where the error is; --spp is the mean over the pixels then
+    #[arg(long)]
+    pub adaptive: bool,
+
     /// How paths are executed
     #[arg(long, value_enum, default_value_t = Engine::Wavefront)]
     pub engine: Engine,
@@ -170,7 +174,11 @@ pub struct ConvergeArgs {
           default_values_t = [SamplerChoice::Sobol, SamplerChoice::Independent])]
     pub samplers: Vec<SamplerChoice>,
 
-    /// Rendering time of each run: there are engines x samplers x seeds of them
+    /// Compare each engine and sampler with and without adaptive sampling
+    #[arg(long)]
+    pub adaptive: bool,
+
+    /// Rendering time of each run: there are engines x samplers x seeds of them, and as many again with --adaptive
     #[arg(long, value_name = "TIME", default_value = "10s", value_parser = parse::duration,
           allow_hyphen_values = true)]
     pub budget: Duration,
@@ -280,7 +288,7 @@ mod tests {
     #[test]
     fn render_takes_every_fixed_name() {
         let args: RenderArgs = parse(
-            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --layers --tev localhost:14158 --engine megakernel --sampler independent \
+            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --adaptive --layers --tev localhost:14158 --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
              --spherical-lights area --traversal mixed --report c.json --quiet",
         )
@@ -291,6 +299,7 @@ mod tests {
             spp: Some(16),
             time: Some(Duration::from_secs(90)),
             error: Some(0.01),
+            adaptive: true,
             engine: Engine::Megakernel,
             sampler: Some(SamplerChoice::Independent),
             threads: Some(3),
@@ -346,8 +355,9 @@ mod tests {
         let compare: CompareArgs = parse("a.exr b.exr --map c.png").unwrap();
         assert_eq!(compare.map, Some("c.png".into()));
         let converge: ConvergeArgs =
-            parse("a.pbrt --engines megakernel --budget 2m --external b:1:b.exr -o c").unwrap();
+            parse("a.pbrt --engines megakernel --adaptive --budget 2m --external b:1:b.exr -o c").unwrap();
         assert_eq!((converge.engines, converge.samplers.len()), (vec![Engine::Megakernel], 2));
+        assert!(converge.adaptive);
         assert_eq!((converge.budget, converge.seeds), (Duration::from_secs(120), 3));
         assert_eq!(converge.external[0].name, "b");
         let error = parse::<ConvergeArgs>("a.pbrt --seeds 0 -o c").unwrap_err();

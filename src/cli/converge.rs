@@ -108,30 +108,34 @@ fn read(path: &Path, like: &Frame) -> Result<Image, Failure> {
     )))
 }
 
-/// An engine with a sampler.
+/// An engine with a sampler, adaptive or not.
 #[derive(Clone, Copy, PartialEq)]
 struct Choice {
     engine: Engine,
     sampler: SamplerChoice,
+    adaptive: bool,
 }
 
 impl Choice {
     fn name(self) -> String {
-        format!("{}/{}", self.engine, self.sampler)
+        format!("{}/{}{}", self.engine, self.sampler, if self.adaptive { "/adaptive" } else { "" })
     }
 }
 
-/// Every engine with every sampler.
+/// Every engine with every sampler, and again adaptive if that is to be compared.
 fn variants(args: &ConvergeArgs) -> Result<Vec<Choice>, Failure> {
     let mut variants = Vec::new();
     for &engine in &args.engines {
         for &sampler in &args.samplers {
-            let choice = Choice { engine, sampler };
+            let choice = Choice { engine, sampler, adaptive: false };
             if variants.contains(&choice) {
                 let name = choice.name();
                 return Err(Failure::Usage(format!("{name} is asked for twice: expected each name once")));
             }
             variants.push(choice);
+            if args.adaptive {
+                variants.push(Choice { adaptive: true, ..choice });
+            }
         }
     }
     Ok(variants)
@@ -266,6 +270,7 @@ impl Work<'_> {
             batch: wavefront::DEFAULT_BATCH,
             level: Level::detect(),
             policy: Policy::Auto,
+            adaptive: choice.adaptive,
         };
         let mut session = Session::new(self.scene, self.plan, tree, &film, &settings, stop)
             .map_err(|error| Failure::Work(format!("cannot start {threads} threads: {error}")))?;
@@ -377,11 +382,12 @@ impl Work<'_> {
             shown.push((choice.name(), caption, first.image.clone()));
             let batch = (choice.engine == Engine::Wavefront)
                 .then(|| ("batch".to_string(), wavefront::DEFAULT_BATCH.to_string()));
+            let adaptive = choice.adaptive.then(|| ("adaptive".to_string(), "yes".to_string()));
             variants.push(Variant {
                 name: choice.name(),
                 engine: choice.engine.to_string(),
                 sampler: choice.sampler.to_string(),
-                settings: batch.into_iter().collect(),
+                settings: batch.into_iter().chain(adaptive).collect(),
                 runs,
                 error_products: products(&pictures, &image)?,
             });

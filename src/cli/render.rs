@@ -10,7 +10,7 @@ use wavepath_kernels::isa::Level;
 use super::args::{Engine, RenderArgs, SamplerChoice, SphericalLights, Traversal};
 use super::{Failure, output};
 use crate::engine::schedule::Stop;
-use crate::engine::session::{Ended, MOST_SPP, Session};
+use crate::engine::session::{self, Ended, MOST_SPP, Session};
 use crate::engine::stats::{Stage, Stats};
 use crate::engine::{Done, EngineKind, Settings, Tree, wavefront};
 use crate::film::live_error::LiveError;
@@ -20,7 +20,7 @@ use crate::memory;
 use crate::picture::{self, Channel, DataWindow, Image, Samples};
 use crate::plan::Plan;
 use crate::progress::Progress;
-use crate::report::{Rays, Report};
+use crate::report::{Adaptive, Rays, Report};
 use crate::scene::{self, SamplerKind, SceneDescription};
 use crate::tev::Tev;
 use wavepath_kernels::scene::Scene;
@@ -96,7 +96,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut live = LiveError::new(&film, settings.threads);
     let watch = |done: &Done| {
         let samples = done.samples.load(Ordering::Relaxed);
-        let error = if progress.is_visible() { live.update(samples) } else { None };
+        let error = if progress.is_visible() { live.update() } else { None };
         progress.update(samples, done.rays.load(Ordering::Relaxed), error);
         viewer.show(false);
     };
@@ -225,6 +225,7 @@ fn settings(args: &RenderArgs, description: &SceneDescription) -> Settings {
             Traversal::Sorted => Policy::Sorted,
             Traversal::Interleaved => Policy::Interleaved,
         },
+        adaptive: args.adaptive,
     }
 }
 
@@ -288,6 +289,8 @@ fn report(
     let stats = session.stats();
     let [x0, x1, y0, y1] = film.bounds;
     let wavefront = settings.engine == EngineKind::Wavefront;
+    let [least_spp, most_spp] = film.sample_range();
+    let session::Adaptive { predicted_gain, is_uneven: used } = session.adaptive();
     Report {
         scene: args.scene.display().to_string(),
         engine: args.engine.to_string(),
@@ -302,6 +305,7 @@ fn report(
         invalid_samples: developed.invalid,
         estimated_relmse: developed.relmse,
         estimated_relmse_interval: developed.relmse_interval,
+        adaptive: settings.adaptive.then_some(Adaptive { used, predicted_gain, least_spp, most_spp }),
         stopped_by: Some(ended.name().to_string()),
         peak_memory_bytes: machine::peak_memory_bytes(),
         threads: settings.threads,

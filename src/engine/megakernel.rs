@@ -86,6 +86,7 @@ impl<P: Features> Kernel for Tile<'_, P> {
         let Job { scene, film, seed, .. } = *self.job;
         let block = &film.blocks[self.unit.block];
         let weighted = scene.camera.filter.has_negative_lobes();
+        let before = self.stats.bounce_rays;
         for pixel in 0..block.pixels() {
             let (x, y) = (block.x + block.columns[pixel], block.y + block.rows[pixel]);
             let splat = <<I as Isa>::One as Real>::Uint::splat;
@@ -108,6 +109,7 @@ impl<P: Features> Kernel for Tile<'_, P> {
                 self.sums.add(film.quantum, pixel, radiance, weight);
             }
         }
+        self.sums.bounces += self.stats.bounce_rays - before;
     }
 }
 

@@ -3,6 +3,7 @@
 //! [`wavefront`] runs batch kernels over pools of paths; [`megakernel`] follows one path at a time. Both draw the same
 //! random numbers and share the estimator, down to the bit.
 
+pub mod adaptive;
 pub mod megakernel;
 pub mod schedule;
 pub mod session;
@@ -55,6 +56,8 @@ pub struct Settings {
     pub level: Level,
     /// How rays go through the tree, wavefront engine.
     pub policy: Policy,
+    /// More samples where the error is.
+    pub adaptive: bool,
 }
 
 /// The tree that an engine traces rays through, built once a scene.

@@ -40,8 +40,11 @@ pub struct Stop {
 pub struct Schedule {
     blocks: u64,
     replicates: u64,
-    /// Samples of each pixel.
-    range: Range<u32>,
+    /// Samples of each pixel: `groups` ranges a block, each for the replicates whose number leaves that remainder.
+    ranges: Vec<Range<u32>>,
+    groups: u64,
+    /// Most samples that a replicate of a pixel gets.
+    longest: u32,
     /// Samples of a unit, at most.
     chunk: u32,
     /// Units that grow from one sample on, because the end may come any moment.
@@ -70,15 +73,39 @@ impl Schedule {
         growing: bool,
         interrupted: Arc<AtomicBool>,
     ) -> Self {
+        let ranges = vec![range; film.blocks.len()];
+        Schedule { growing, ..Schedule::grouped(film, workers, ranges, 1, interrupted) }
+    }
+
+    /// The samples of a range for each half of each block, the replicates of even and of odd number. Wherever it is
+    /// left, all of them have about the same part of theirs.
+    pub fn by_half(
+        film: &Film,
+        workers: usize,
+        ranges: &[[Range<u32>; 2]],
+        interrupted: Arc<AtomicBool>,
+    ) -> Self {
+        Schedule::grouped(film, workers, ranges.as_flattened().to_vec(), 2, interrupted)
+    }
+
+    fn grouped(
+        film: &Film,
+        workers: usize,
+        ranges: Vec<Range<u32>>,
+        groups: u32,
+        interrupted: Arc<AtomicBool>,
+    ) -> Self {
         let blocks = film.blocks.len() as u64;
         let replicates = film.replicates as u64;
+        let longest = ranges.iter().map(|range| range.len() as u32).max().unwrap_or(0);
+        let longest = longest.div_ceil(film.replicates / groups);
         // Small renders: enough units that no worker waits long at the end.
-        let per_replicate = (range.len() as u32).div_ceil(film.replicates).max(1);
         let wanted = 16 * workers as u64;
-        let rounds = wanted.div_ceil(blocks * replicates).clamp(1, per_replicate as u64) as u32;
-        let chunk = Self::CHUNK.min(per_replicate.div_ceil(rounds)).max(1);
+        let rounds = wanted.div_ceil(blocks * replicates).clamp(1, longest.max(1) as u64) as u32;
+        let chunk = Self::CHUNK.min(longest.div_ceil(rounds)).max(1);
         let next = AtomicU64::new(0);
-        Schedule { blocks, replicates, range, chunk, growing, next, deadline: None, interrupted }
+        let (growing, groups, deadline) = (false, u64::from(groups), None);
+        Schedule { blocks, replicates, ranges, groups, longest, chunk, growing, next, deadline, interrupted }
     }
 
     /// No more units after this moment, but for the first sample of every pixel.
@@ -127,14 +154,29 @@ impl Schedule {
     fn unit(&self, n: u64) -> Option<Option<Unit>> {
         let (turn, block) = (n / self.blocks, n % self.blocks);
         let (round, replicate) = (turn / self.replicates, turn % self.replicates);
-        // How many of the numbers below `n` belong to this replicate.
-        let below = |n: u32| (n as u64 + self.replicates - 1 - replicate) / self.replicates;
-        let (start, end) = (below(self.range.start), below(self.range.end));
-        let (first, samples) = self.round(round);
         // No replicate has more.
-        if first >= (self.range.len() as u64).div_ceil(self.replicates) {
+        if self.round(round).0 >= self.longest as u64 {
             return None;
         }
+        let (group, member) = (replicate % self.groups, replicate / self.groups);
+        let members = self.replicates / self.groups;
+        let range = &self.ranges[(block * self.groups + group) as usize];
+        let own = (range.len() as u64).div_ceil(members);
+        // One with fewer samples takes part in some of the rounds only, evenly spaced.
+        let round = if own == self.longest as u64 {
+            round
+        } else {
+            let chunks = |samples: u64| samples.div_ceil(self.chunk as u64);
+            let done = |rounds: u64| rounds * chunks(own) / chunks(self.longest as u64);
+            if done(round + 1) == done(round) {
+                return Some(None);
+            }
+            done(round)
+        };
+        // How many of the numbers below `n` belong to this replicate.
+        let below = |n: u32| (n as u64 + members - 1 - member) / members;
+        let (start, end) = (below(range.start), below(range.end));
+        let (first, samples) = self.round(round);
         let first = start + first;
         let samples = samples.min(end.saturating_sub(first));
         Some((samples > 0).then_some(Unit {
@@ -149,7 +191,8 @@ impl Schedule {
     pub fn take(&self) -> Option<Unit> {
         loop {
             // The first sample of every pixel is taken whatever the rules say, but for an interrupt.
-            let obligatory = self.range.start == 0 && self.next.load(Ordering::Relaxed) < self.blocks;
+            let obligatory = self.ranges.first().is_some_and(|range| range.start == 0)
+                && self.next.load(Ordering::Relaxed) < self.blocks;
             let late = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
             if self.is_interrupted() || late && !obligatory {
                 return None;

@@ -3,11 +3,13 @@
 //! Whoever measures the error of a render as it goes on pauses it: only what passes inside of [`Session::run`] and
 //! [`Session::run_to_error`] counts as rendering time.
 
+use super::adaptive::{LEAST_GAIN, LEAST_PILOT, LEAST_REPLICATES, Shares};
 use super::schedule::{Schedule, Stop};
 use super::stats::Stats;
 use super::{Done, Job, Settings, Tree, execute, watched};
 use crate::film::Film;
 use crate::plan::Plan;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -41,6 +43,20 @@ impl Ended {
     }
 }
 
+/// What adaptive sampling did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Adaptive {
+    /// Efficiency over that of samples spread evenly, as the last decision predicted it; none if there was none.
+    pub predicted_gain: Option<f64>,
+    /// Whether samples were spread unevenly.
+    pub is_uneven: bool,
+}
+
+/// Whether there is enough to decide on.
+fn can_adapt(settings: &Settings, film: &Film) -> bool {
+    settings.adaptive && film.replicates >= LEAST_REPLICATES
+}
+
 /// A render.
 pub struct Session<'a> {
     scene: &'a Scene,
@@ -52,6 +68,12 @@ pub struct Session<'a> {
     interrupted: Arc<AtomicBool>,
     pool: rayon::ThreadPool,
     schedule: Schedule,
+    /// Samples a pixel, mean over the pixels, once all of the schedule is given out.
+    planned: u32,
+    /// As the last decision had it.
+    predicted_gain: Option<f64>,
+    /// Blocks may have different numbers of samples.
+    is_uneven: bool,
     stats: Stats,
     elapsed: Duration,
     done: Done,
@@ -75,7 +97,9 @@ impl<'a> Session<'a> {
     ) -> Result<Self, rayon::ThreadPoolBuildError> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads).build()?;
         let (spp, interrupted) = (stop.spp, stop.interrupted.clone());
-        let schedule = Schedule::new(film, settings.threads, stop);
+        let planned = if can_adapt(settings, film) { first_round(spp) } else { spp.unwrap_or(u32::MAX) };
+        let growing = stop.time.is_some();
+        let schedule = Schedule::of(film, settings.threads, 0..planned, growing, stop.interrupted);
         let (stats, elapsed, done) = (Stats::default(), Duration::ZERO, Done::default());
         Ok(Session {
             scene,
@@ -87,6 +111,9 @@ impl<'a> Session<'a> {
             interrupted,
             pool,
             schedule,
+            planned,
+            predicted_gain: None,
+            is_uneven: false,
             stats,
             elapsed,
             done,
@@ -105,7 +132,58 @@ impl<'a> Session<'a> {
 
     /// Renders until all samples are taken, or until the rendering time is `until` in all; `watch` is called about ten
     /// times a second meanwhile.
-    pub fn run(&mut self, until: Option<Duration>, watch: impl FnMut(&Done)) -> Ended {
+    pub fn run(&mut self, until: Option<Duration>, mut watch: impl FnMut(&Done)) -> Ended {
+        let most = self.spp.unwrap_or(u32::MAX);
+        loop {
+            let ended = self.run_round(until, &mut watch);
+            if ended != Ended::Samples || self.planned >= most {
+                return ended;
+            }
+            self.begin_round(next_round(self.planned, self.spp));
+        }
+    }
+
+    /// Plans the samples from here to `to` a pixel, mean over the pixels.
+    fn begin_round(&mut self, to: u32) {
+        // Deciding is a part of the work.
+        let started = Instant::now();
+        let (film, workers, from) = (self.film, self.settings.threads, self.planned);
+        let interrupted = Arc::clone(&self.interrupted);
+        self.schedule = match self.uneven_ranges(to) {
+            Some(ranges) => Schedule::by_half(film, workers, &ranges, interrupted),
+            None => Schedule::of(film, workers, from..to, from == 0, interrupted),
+        };
+        self.planned = to;
+        self.elapsed += started.elapsed();
+    }
+
+    /// The samples from here to `to` of both halves of each block; none if they are the same for all.
+    fn uneven_ranges(&mut self, to: u32) -> Option<Vec<[Range<u32>; 2]>> {
+        let film = self.film;
+        if !can_adapt(self.settings, film) || self.planned < LEAST_PILOT {
+            return None;
+        }
+        let halves = self.pool.install(|| film.halves());
+        let shares = Shares::best(&halves, film.block_columns());
+        self.predicted_gain = Some(shares.gain);
+        // What is uneven stays so: to fill up what is behind would not pay.
+        if !self.is_uneven && shares.gain < LEAST_GAIN {
+            return None;
+        }
+        self.is_uneven = true;
+        film.split();
+        let targets = shares.targets(&halves, to, film.replicates / 2);
+        let ranges = halves.iter().zip(targets).map(|(halves, to)| [0, 1].map(|k| halves[k].samples..to[k]));
+        Some(ranges.collect())
+    }
+
+    /// What adaptive sampling did.
+    pub fn adaptive(&self) -> Adaptive {
+        Adaptive { predicted_gain: self.predicted_gain, is_uneven: self.is_uneven }
+    }
+
+    /// As [`Session::run`], to the end of the schedule.
+    fn run_round(&mut self, until: Option<Duration>, watch: impl FnMut(&Done)) -> Ended {
         let started = Instant::now();
         // A time too far away for the clock is no limit.
         let deadline = until.and_then(|until| started.checked_add(until.saturating_sub(self.elapsed)));
@@ -145,13 +223,11 @@ impl<'a> Session<'a> {
         mut watch: impl FnMut(&Done),
     ) -> Ended {
         let most = self.spp.unwrap_or(MOST_SPP);
-        let (mut from, mut to) = (0, FIRST_LOOK.min(most));
+        self.planned = 0;
+        let mut to = FIRST_LOOK.min(most);
         loop {
-            let growing = from == 0;
-            let workers = self.settings.threads;
-            self.schedule =
-                Schedule::of(self.film, workers, from..to, growing, Arc::clone(&self.interrupted));
-            let ended = self.run(until, &mut watch);
+            self.begin_round(to);
+            let ended = self.run_round(until, &mut watch);
             if ended != Ended::Samples {
                 return ended;
             }
@@ -166,9 +242,21 @@ impl<'a> Session<'a> {
                 return Ended::Samples;
             }
             let factor = estimate.map_or(2.0, |estimate| (estimate / error).clamp(SMALLEST_STEP, 2.0));
-            (from, to) = (to, next_look(to, factor).min(most));
+            to = next_look(to, factor).min(most);
         }
     }
+}
+
+/// Samples a pixel of the first round of an adaptive render: a quarter of all if those are known and it is enough; so
+/// many that doubling them some times gives all.
+fn first_round(spp: Option<u32>) -> u32 {
+    let halvings = |spp: u32| (spp / LEAST_PILOT).max(1).ilog2().min(2);
+    spp.map_or(LEAST_PILOT, |spp| spp.div_ceil(1 << halvings(spp)))
+}
+
+/// Samples a pixel of the round after one that ends with `planned`.
+fn next_round(planned: u32, spp: Option<u32>) -> u32 {
+    planned.saturating_mul(2).min(spp.unwrap_or(u32::MAX))
 }
 
 /// Samples a pixel before the film is first asked for its error: one for each replicate.

@@ -332,11 +332,12 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
 
     /// Returns how many paths ended in this round; their slots are those behind the free ones.
     fn roulette_compact<I: Isa>(&mut self, isa: I, sorted: &Sorted) -> usize {
-        // The lists of ended paths are next to the free slots: places become slots where they stand.
+        // The lists of ended paths are next to the free slots: places become slots where they stand, with the rays that
+        // were traced after the first one above them.
         let mut free = self.free;
         for k in [list::MISSED, list::ENDED] {
             for entry in &mut self.order.list[sorted.range(k)] {
-                *entry = self.paths.slot_depth[*entry as usize] & ((1 << SLOT_BITS) - 1);
+                *entry = self.paths.slot_depth[*entry as usize];
             }
             free += sorted.range(k).len();
         }
@@ -358,13 +359,17 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
     fn film(&mut self, finished: usize) {
         let weighted = !self.slots.filter_weight.is_empty();
         for k in self.free..self.free + finished {
-            let slot = self.order.list[k] as usize;
+            let (slot, bounces) =
+                (self.order.list[k] & ((1 << SLOT_BITS) - 1), self.order.list[k] >> SLOT_BITS);
+            self.order.list[k] = slot;
+            let slot = slot as usize;
             let (id, pixel) = unit_and_pixel(self.slots.place[slot]);
             let open = &mut self.units[id];
             let radiance =
                 [self.slots.radiance_r[slot], self.slots.radiance_g[slot], self.slots.radiance_b[slot]];
             let weight = weighted.then(|| self.slots.filter_weight[slot]);
             open.sums.add(self.job.film.quantum, pixel, radiance, weight);
+            open.sums.bounces += u64::from(bounces);
             open.ended += 1;
             if open.ended == open.paths {
                 add_to_film(self.job, &open.unit, &open.sums, &mut self.stats);

@@ -45,8 +45,8 @@ impl<'a> LiveError<'a> {
         }
     }
 
-    /// The estimated relMSE after `samples` pixel samples; none before any block has two replicates.
-    pub fn update(&mut self, samples: u64) -> Option<f64> {
+    /// The estimated relMSE; none before any block has two replicates.
+    pub fn update(&mut self) -> Option<f64> {
         let elapsed = self.started.elapsed();
         let now = Instant::now();
         let blocks = self.seen.len() as u64;
@@ -60,8 +60,9 @@ impl<'a> LiveError<'a> {
         }
         // What was not used is not saved up for a long look later.
         self.looks = self.looks.max(looks.saturating_sub(blocks));
+        let estimate = self.estimate();
         self.spent += now.elapsed();
-        self.estimate(samples)
+        estimate
     }
 
     /// Time spent looking.
@@ -69,15 +70,15 @@ impl<'a> LiveError<'a> {
         self.spent
     }
 
-    fn estimate(&self, samples: u64) -> Option<f64> {
-        let spp = samples as f64 / self.film.pixels() as f64;
+    fn estimate(&self) -> Option<f64> {
         let (mut sum, mut pixels) = (0.0, 0);
-        for (error, samples) in self.seen.iter().flatten() {
-            // A block may be ahead of the others.
-            sum += error.sum * (*samples as f64 / spp).min(1.0);
+        for (block, seen) in self.seen.iter().enumerate() {
+            let Some((error, samples)) = seen else { continue };
+            let now = self.film.samples(block).max(1);
+            sum += error.sum * *samples as f64 / f64::from(now);
             pixels += error.pixels;
         }
-        (pixels > 0 && spp > 0.0).then(|| sum / pixels as f64)
+        (pixels > 0).then(|| sum / pixels as f64)
     }
 }
 
@@ -104,7 +105,7 @@ mod tests {
         let mut live = LiveError { share: 1.0, ..LiveError::new(&film, 2) };
         assert_eq!(live.stride, 11);
         live.started -= Duration::from_secs(1);
-        let estimate = live.update(2 * film.pixels()).unwrap();
+        let estimate = live.update().unwrap();
         let expected = film.error().unwrap().relmse;
         assert!((estimate / expected - 1.0).abs() < 1e-12, "{estimate}, not {expected}");
         assert!(live.seen.iter().all(Option::is_some));

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use wavepath::bench::Clock;
 use wavepath::engine::schedule::Stop;
 use wavepath::engine::stats::Stats;
 use wavepath::engine::{self, Done, EngineKind, Settings, Tree};
@@ -54,6 +55,7 @@ pub struct Render {
     pub batch: usize,
     pub level: Level,
     pub policy: Policy,
+    pub adaptive: bool,
     pub spp: Option<u32>,
     pub time: Option<Duration>,
     pub spherical: SphericalLights,
@@ -69,6 +71,7 @@ impl Default for Render {
             batch: 4096,
             level: Level::detect(),
             policy: Policy::Auto,
+            adaptive: false,
             spp: Some(16),
             time: None,
             spherical: SphericalLights::Cone,
@@ -82,7 +85,11 @@ pub struct Rendered {
     pub developed: Developed,
     pub stats: Stats,
     pub seconds: f64,
+    /// Seconds of processor time.
+    pub processor: f64,
     pub pixels: u64,
+    /// Fewest and most samples of a pixel.
+    pub sample_range: [u32; 2],
 }
 
 impl Rendered {
@@ -132,18 +139,22 @@ impl Render {
             batch: self.batch,
             level: self.level,
             policy: self.policy,
+            adaptive: self.adaptive,
         };
         let interrupted = Arc::new(AtomicBool::new(false));
         let stop = Stop { spp: self.spp, time: self.time, interrupted: interrupted.clone() };
+        let clock = Clock::start();
         let (stats, elapsed) = engine::render(&scene, &plan, &tree, &film, &settings, stop, |done| {
             watch(done, &interrupted);
         })
         .unwrap();
+        let processor = clock.processor();
         let developed = film.develop();
         let [x0, x1, y0, y1] = description.film.pixel_bounds;
         let [full_width, full_height] = description.film.resolution;
         let mut image = Image::new(x1 - x0, y1 - y0, developed.pixels.clone());
         image.window = DataWindow { x: x0 as i32, y: y0 as i32, full_width, full_height };
-        Rendered { image, developed, stats, seconds: elapsed.as_secs_f64(), pixels: film.pixels() }
+        let (seconds, sample_range) = (elapsed.as_secs_f64(), film.sample_range());
+        Rendered { image, developed, stats, seconds, processor, pixels: film.pixels(), sample_range }
     }
 }

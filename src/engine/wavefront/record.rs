@@ -127,8 +127,8 @@ impl<P: Features> Pool<'_, P, Bvh8<'_>> {
         }
         let (scattered, lit_slots) = (self.scattered.clone(), self.slots.clone());
         let finished = self.roulette_compact(isa, &sorted);
-        let finished_slots = self.order.list[self.free..self.free + finished].to_vec();
         self.film(finished);
+        let finished_slots = self.order.list[self.free - finished..self.free].to_vec();
         Round {
             paths,
             survivors,
