@@ -2,8 +2,9 @@
 //!
 //! A run must not be held against a reference that it is part of. So each run is measured against the mean of the final
 //! pictures of all other seeds. Engines draw the same random numbers: of the runs with the same seed and sampler only the
-//! one with the most samples counts, the others are parts of it. Pictures are weighed by their samples, never by their
-//! estimated errors: a picture with a firefly would weigh less, and the mean would be too dark.
+//! one with the most samples counts, the others are parts of it. Pictures are weighed by their samples, and by how noisy a
+//! sample of their sampler is, in all pictures of that sampler together; never by their own estimated errors: a picture
+//! with a firefly would weigh less, and the mean would be too dark.
 //!
 //! The references differ, and so do their own errors. Those are known, from the replicates within each film. What is
 //! reported is the error that would have been measured against the mean of all, were it independent of the run: the
@@ -56,21 +57,14 @@ impl PooledReference {
             .filter(|(index, picture)| is_largest(*index, picture))
             .map(|p| p.1)
             .collect();
-        let samples: u64 = chosen.iter().map(|picture| picture.samples).sum();
         let first = chosen.first()?;
-        let mut mean = vec![[0.0_f64; 3]; first.image.pixels.len()];
-        let mut variance = mean.clone();
-        for picture in &chosen {
-            let weight = picture.samples as f64 / samples as f64;
-            for (index, (mean, variance)) in mean.iter_mut().zip(&mut variance).enumerate() {
-                for channel in 0..3 {
-                    mean[channel] += weight * f64::from(picture.image.pixels[index][channel]);
-                    variance[channel] += weight * weight * f64::from(picture.variance[index][channel]);
-                }
-            }
-        }
+        let by_samples = vec![1.0; chosen.len()];
+        let (mean, variance) = pool(&chosen, &by_samples);
+        let by_noise = quality(&chosen, &mean);
+        let (mean, variance) = by_noise.map_or((mean, variance), |quality| pool(&chosen, &quality));
         let own_error = own_error(&mean, &variance);
         let pixels: Vec<[f32; 3]> = mean.iter().map(|colour| colour.map(|value| value as f32)).collect();
+        let samples: u64 = chosen.iter().map(|picture| picture.samples).sum();
         let spp = samples as f64 / pixels.len() as f64;
         let Image { width, height, window, .. } = first.image;
         let image = Image { window, ..Image::new(width, height, pixels) };
@@ -86,6 +80,44 @@ impl PooledReference {
             ..errors
         }
     }
+}
+
+/// Means of the pixels, and their variance; each picture weighs as much as its samples, times its quality.
+fn pool(pictures: &[&FinalPicture], quality: &[f64]) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    let weights = || pictures.iter().zip(quality).map(|(picture, quality)| picture.samples as f64 * quality);
+    let total: f64 = weights().sum();
+    let mut mean = vec![[0.0_f64; 3]; pictures[0].image.pixels.len()];
+    let mut variance = mean.clone();
+    for (picture, weight) in pictures.iter().zip(weights()) {
+        let weight = weight / total;
+        for (index, (mean, variance)) in mean.iter_mut().zip(&mut variance).enumerate() {
+            for channel in 0..3 {
+                mean[channel] += weight * f64::from(picture.image.pixels[index][channel]);
+                variance[channel] += weight * weight * f64::from(picture.variance[index][channel]);
+            }
+        }
+    }
+    (mean, variance)
+}
+
+/// For each picture, the inverse of what squared relative error one sample has, mean over all pictures of its sampler;
+/// none if that is not known.
+fn quality(pictures: &[&FinalPicture], mean: &[[f64; 3]]) -> Option<Vec<f64>> {
+    let noise = |picture: &FinalPicture| -> f64 {
+        let variance: Vec<[f64; 3]> = picture.variance.iter().map(|v| v.map(f64::from)).collect();
+        own_error(mean, &variance).relmse * picture.samples as f64
+    };
+    let noise: Vec<f64> = pictures.iter().map(|picture| noise(picture)).collect();
+    let quality = |of: &&FinalPicture| {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (_, noise) in pictures.iter().zip(&noise).filter(|(picture, _)| picture.sampler == of.sampler) {
+            sum += noise;
+            count += 1.0;
+        }
+        let quality = count / sum;
+        (quality.is_finite() && quality > 0.0).then_some(quality)
+    };
+    pictures.iter().map(quality).collect()
 }
 
 fn own_error(mean: &[[f64; 3]], variance: &[[f64; 3]]) -> OwnError {
@@ -136,6 +168,23 @@ mod tests {
         assert_eq!((all.count, all.spp), (3, 4000.0 / f64::from(PIXELS)));
         assert_eq!(PooledReference::of(&pictures, &[1]).unwrap().image, pictures[3].image);
         assert!(PooledReference::of(&pictures, &[1, 2]).is_none());
+    }
+
+    /// A sampler with a tenth of the noise is not spoiled by the other.
+    #[test]
+    fn noisy_samplers_weigh_less() {
+        let mut normal = Normal::new(3);
+        let mut pictures = Vec::new();
+        for seed in 1..=4 {
+            let mut noisy = picture(&mut normal, seed, "noisy", 100);
+            noisy.samples = 1000;
+            pictures.extend([noisy, picture(&mut normal, seed, "quiet", 1000)]);
+        }
+        let quiet: Vec<_> = (1..=4).map(|seed| picture(&mut normal, seed, "quiet", 1000)).collect();
+        let [all, quiet] =
+            [&pictures, &quiet].map(|some| PooledReference::of(some, &[]).unwrap().own_error.relmse);
+        // Inverse variances add up: 4 of 1 and 4 of 1/10.
+        assert!((all / quiet * 1.1 - 1.0).abs() < 0.05, "{all} {quiet}");
     }
 
     /// What is reported is the noise of the run and the own error of the mean of all.
