@@ -18,7 +18,7 @@ while read -r scene spp relmse; do
     $WAVEPATH render "$scene.pbrt" -o "references/$scene.exr" --resolution 64x64 --spp "$spp" \
         --engine megakernel --sampler independent --seed 20011 --quiet </dev/null
 done <<END
-two-spheres       4096 4e-6
+two-spheres     131072 1.3e-7
 oren-nayar        8192 1.2e-5
 inside-emitter    8192 1.4e-5
 sky-only          8192 2e-5

@@ -151,6 +151,16 @@ fn around(plane: &Plane) -> Plane {
     sums
 }
 
+/// Sums over the neighbourhood of each pixel without itself.
+#[inline(always)]
+fn beside(plane: &Plane) -> Plane {
+    let mut sums = around(plane);
+    for p in 0..BLOCK_PIXELS {
+        sums[p] -= plane[p];
+    }
+    sums
+}
+
 /// The kernel: variances of the means of the pixels of a block, in their order.
 pub(super) struct BlockVariances<'a> {
     pub replicates: Replicates<'a>,
@@ -179,8 +189,11 @@ impl Kernel for BlockVariances<'_> {
 /// it stated a quarter of the true error of a Cornell box with caustics.)
 ///
 /// Where few of the samples find any light, most of the means of the others are too dark, and errors relative to
-/// them too large: up to seven times at 64 spp. There the means over the neighbourhood stand in, as far as pixel
-/// and neighbourhood differ by no more than noise.
+/// them too large: up to seven times at 64 spp. There the means over the pixels beside stand in, as far as pixel and
+/// neighbourhood differ by no more than noise. The noise is that of the pixel or of its neighbourhood, whichever is larger:
+/// a pixel that has found no light shows none, and one with a firefly hides it in the mean of its neighbourhood. (By the
+/// neighbourhood alone, that firefly stood in the means which the other replicates are held against, and the stated error
+/// of caustics at 64 spp was 0.82 of the true one.)
 pub(super) struct BlockErrors<'a> {
     pub replicates: Replicates<'a>,
     pub block: &'a PixelBlock,
@@ -208,7 +221,8 @@ impl Kernel for BlockErrors<'_> {
         for plane in &mut nearness {
             let variance = around(plane);
             for p in 0..BLOCK_PIXELS {
-                plane[p] = if variance[p] > 0.0 { 0.25 * pixels[p] / variance[p] } else { 0.0 };
+                let variance = (variance[p] / pixels[p]).max(plane[p]);
+                plane[p] = if variance > 0.0 { 0.25 / variance } else { 0.0 };
             }
         }
         let mut errors = ZEROS;
@@ -222,9 +236,9 @@ impl Kernel for BlockErrors<'_> {
                     others[p] = total[p] - own[p];
                 }
             }
-            let weight_around = around(&others.weight);
+            let weight_around = beside(&others.weight);
             for (c, nearness) in nearness.iter().enumerate() {
-                let radiance_around = around(&others.radiance[c]);
+                let radiance_around = beside(&others.radiance[c]);
                 for p in 0..BLOCK_PIXELS {
                     let mean = own.radiance[c][p] / own.weight[p];
                     let reference = others.radiance[c][p] / others.weight[p];
