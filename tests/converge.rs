@@ -49,7 +49,7 @@ fn error_falls_with_time_against_a_reference() {
     let output = converge("two-spheres.pbrt", &arguments, &folder);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
-    for part in ["wavefront/sobol", "megakernel/independent", "4096 spp; its own relMSE", "report.html"] {
+    for part in ["wavefront/sobol", "megakernel/independent", "131072 spp; its own relMSE", "report.html"] {
         assert!(text.contains(part), "{part} is missing in\n{text}");
     }
     assert!(output.stderr.is_empty());
