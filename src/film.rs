@@ -12,7 +12,7 @@ pub mod live_error;
 
 pub use error::ErrorEstimate;
 
-use error::{BlockErrors, BlockVariances, ErrorSum, Replicates};
+use error::{BlockErrors, BlockVariances, ErrorSum, Known, Replicates};
 use rayon::prelude::*;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -370,9 +370,7 @@ impl Film {
         for (block, state) in self.blocks.iter().zip(&self.state) {
             let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
             let samples = state.samples.iter().sum();
-            let (replicates, scale) = (Replicates::all(&state), self.split_loss(&state));
-            let variances =
-                Level::detect().run(BlockVariances { replicates, block, quantum: self.quantum, scale });
+            let variances = Level::detect().run(BlockVariances(self.known(&state, block)));
             for (pixel, variance) in variances.into_iter().enumerate() {
                 let place = self.place(block, pixel);
                 out.variance[place] = variance.map(|x| x as f32);
@@ -425,12 +423,18 @@ impl Film {
     /// Relative squared error of the mean of a half, sum over the pixels.
     fn error_of_half(&self, state: &FilmBlock, block: &PixelBlock, half: usize) -> f64 {
         let replicates = Replicates { state, first: half, step: 2 };
-        Level::detect().run(BlockErrors { replicates, block, quantum: self.quantum, scale: 1.0 }).sum
+        let known = Known { replicates, block, quantum: self.quantum, scale: 1.0 };
+        Level::detect().run(BlockErrors(known)).sum
     }
 
     fn block_error(&self, state: &FilmBlock, block: &PixelBlock) -> ErrorSum {
+        Level::detect().run(BlockErrors(self.known(state, block)))
+    }
+
+    /// All replicates of a block.
+    fn known<'a>(&self, state: &'a FilmBlock, block: &'a PixelBlock) -> Known<'a> {
         let (replicates, scale) = (Replicates::all(state), self.split_loss(state));
-        Level::detect().run(BlockErrors { replicates, block, quantum: self.quantum, scale })
+        Known { replicates, block, quantum: self.quantum, scale }
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Mask, Real, Uint};
 use crate::math::{Vec3, uniform_disk};
-use crate::queue::{PathQueue, SlotTable, place};
+use crate::queue::{PathQueue, SAMPLE_BITS, SlotTable, place};
 use crate::sampler::{Sampler, Stream, dimension, stream_seed};
 use core::marker::PhantomData;
 
@@ -209,8 +209,8 @@ impl PixelBlock {
 
 /// Which paths to start: those from number `first` on, of all samples of a work unit.
 ///
-/// Sixteen neighbours are a packet: as many samples of one pixel as there are, up to 16, 8, 4 or 2, then of the pixels
-/// next to it; and all packets of some pixels follow each other. So their rays stay close together.
+/// Path `p` is sample `p % samples` of pixel `p / samples`: neighbours, which go through the tree together, come from one
+/// pixel or from a few that lie next to each other.
 #[derive(Clone, Copy, Debug)]
 pub struct Batch<'a> {
     /// The pixels.
@@ -229,59 +229,6 @@ pub struct Batch<'a> {
     pub first: usize,
     /// Number of the work unit, kept with each path.
     pub unit: u32,
-}
-
-/// Paths of a packet.
-const PACKET: usize = 16;
-
-/// In what order the paths of a work unit start.
-struct Order {
-    /// Paths of a packet.
-    packet: usize,
-    /// Pixels and samples of a packet.
-    pixels: usize,
-    samples: usize,
-    /// Packets of the same pixels, which follow each other.
-    packets: usize,
-}
-
-impl Order {
-    fn new(pixels: usize, samples: u32) -> Self {
-        let together = 1 << samples.trailing_zeros().min(PACKET.ilog2());
-        let samples = samples as usize;
-        if pixels.is_multiple_of(PACKET / together) {
-            Order {
-                packet: PACKET,
-                pixels: PACKET / together,
-                samples: together,
-                packets: samples / together,
-            }
-        } else {
-            // A block that is cut off by the edge of the image is perhaps no whole number of packets.
-            Order { packet: pixels, pixels, samples: 1, packets: samples }
-        }
-    }
-
-    /// Pixels and samples of the paths from number `path` on, and how many of them count: those up to the end of the
-    /// packet.
-    #[inline(always)]
-    fn lanes<U: Uint>(&self, path: usize) -> (U, U, usize) {
-        static NUMBERS: [u32; PACKET] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
-        let (packet, start) = (path / self.packet, path % self.packet);
-        let (group, turn) = (packet / self.packets, packet % self.packets);
-        let place = U::load(&NUMBERS, 0) + U::splat(start as u32);
-        let (pixel, sample) = if self.samples > 1 {
-            let bits = self.pixels.trailing_zeros();
-            (place & U::splat((1 << bits) - 1), place.shr_each(U::splat(bits)))
-        } else {
-            (place, U::splat(0))
-        };
-        (
-            pixel + U::splat((group * self.pixels) as u32),
-            sample + U::splat((turn * self.samples) as u32),
-            self.packet - start,
-        )
-    }
 }
 
 /// The kernel: starts one path for each of `free`.
@@ -316,13 +263,22 @@ fn generate<F: Real, S: Sampler>(
     paths: &mut PathQueue,
     slots: &mut SlotTable,
 ) {
-    let order = Order::new(batch.block.pixels(), batch.samples);
+    static NUMBERS: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+    let samples = batch.samples as usize;
+    debug_assert!((1..=1 << SAMPLE_BITS).contains(&samples));
+    // `k / samples` for the `k` that occur, as a multiplication: rounded up, it is exact up to 2^16 / samples.
+    let per_sample = F::Uint::splat((1u32 << 16).div_ceil(batch.samples));
     let weights = !slots.filter_weight.is_empty();
     let scales = !slots.eta_scale.is_empty();
     let mut done = 0;
     while done < free.len() {
-        let (pixel, sample, count) = order.lanes::<F::Uint>(batch.first + done);
-        let count = count.min(free.len() - done).min(F::LANES);
+        let path = batch.first + done;
+        let count = (free.len() - done).min(F::LANES);
+        // Samples of the first lane's pixel and on into those of the next.
+        let offset = F::Uint::load(&NUMBERS, 0) + F::Uint::splat((path % samples) as u32);
+        let turn = (offset * per_sample).shr::<16>();
+        let pixel = F::Uint::splat((path / samples) as u32) + turn;
+        let sample = offset - turn * F::Uint::splat(batch.samples);
         let active = F::Mask::first(count);
         // SAFETY: pixels of the block; other lanes take the first one.
         let (x, y) = unsafe {

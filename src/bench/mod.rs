@@ -225,7 +225,7 @@ fn ablation(subject: &Subject, effort: Effort) -> Vec<Step> {
         ("+ SIMD", wavefront(wide, Policy::Single)),
         ("+ packets for coherent rays", wavefront(wide, Policy::Mixed)),
         (DEFAULT_STEP, wavefront(wide, Policy::Auto)),
-        ("+ sort of all later rays (not the default)", wavefront(wide, Policy::Sorted)),
+        ("packets for all, bounces in order (not the default)", wavefront(wide, Policy::Sorted)),
     ]);
     let samplers = [SamplerKind::Sobol, SamplerKind::Independent];
     let names: Vec<_> =
@@ -243,20 +243,13 @@ fn ablation(subject: &Subject, effort: Effort) -> Vec<Step> {
             let naive = k / steps.len() * steps.len();
             Step {
                 name,
-                sampler: sampler_name(sampler),
+                sampler: sampler.name(),
                 samples_per_second: Spread::of(rounds.iter().map(|r| r[k].rate())),
                 over_naive: over(k, naive),
                 over_wide: over(k, naive + 1),
             }
         })
         .collect()
-}
-
-fn sampler_name(sampler: SamplerKind) -> &'static str {
-    match sampler {
-        SamplerKind::Sobol => "sobol",
-        SamplerKind::Independent => "independent",
-    }
 }
 
 /// Costs of the stages, and rates of the rays, of the engine as it is.

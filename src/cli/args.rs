@@ -226,9 +226,9 @@ pub enum Traversal {
     Mixed,
     /// As many at a time as a vector has lanes
     Packets,
-    /// In packets, later rays put in order first
+    /// In packets, bounce rays put in order first
     Sorted,
-    /// Eight in flight, a node each in turn
+    /// Several in flight, a node each in turn
     Interleaved,
 }
 

@@ -312,11 +312,7 @@ fn report(
         batch: wavefront.then_some(settings.batch),
         cpu: machine::cpu_name(),
         isa: settings.level.name().to_string(),
-        sampler: match settings.sampler {
-            SamplerKind::Sobol => "sobol",
-            SamplerKind::Independent => "independent",
-        }
-        .to_string(),
+        sampler: settings.sampler.name().to_string(),
         seed: settings.seed,
         version: env!("CARGO_PKG_VERSION").to_string(),
     }

@@ -175,7 +175,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             let Some(id) = self.current.or_else(|| self.open_unit()) else { break };
             let open = &mut self.units[id as usize];
             let rest = open.paths - open.started;
-            // A unit that does not fit is cut where a packet ends, so that packets stay squares of pixels.
+            // A unit that does not fit is cut where a packet ends, so that packets keep to few pixels.
             let count = if rest > self.free { self.free / PACKET * PACKET } else { rest };
             self.current = Some(id);
             if count == 0 {

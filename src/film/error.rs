@@ -161,22 +161,26 @@ fn beside(plane: &Plane) -> Plane {
     sums
 }
 
-/// The kernel: variances of the means of the pixels of a block, in their order.
-pub(super) struct BlockVariances<'a> {
+/// Some replicates of a block, and the film's part in what they tell.
+pub(super) struct Known<'a> {
     pub replicates: Replicates<'a>,
     pub block: &'a PixelBlock,
     pub quantum: Quantum,
-    /// What all of them are multiplied by.
+    /// What variances and errors are multiplied by.
     pub scale: f64,
 }
+
+/// The kernel: variances of the means of the pixels of a block, in their order.
+pub(super) struct BlockVariances<'a>(pub Known<'a>);
 
 impl Kernel for BlockVariances<'_> {
     type Output = Vec<[f64; 3]>;
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) -> Vec<[f64; 3]> {
-        let variance = BlockPlanes::new(self.replicates, self.block, self.quantum).variance();
-        let places = (0..self.block.pixels()).map(|pixel| place(self.block, pixel));
-        places.map(|place| [0, 1, 2].map(|c| self.scale * variance[c][place])).collect()
+        let Known { replicates, block, quantum, scale } = self.0;
+        let variance = BlockPlanes::new(replicates, block, quantum).variance();
+        let places = (0..block.pixels()).map(|pixel| place(block, pixel));
+        places.map(|place| [0, 1, 2].map(|c| scale * variance[c][place])).collect()
     }
 }
 
@@ -194,19 +198,13 @@ impl Kernel for BlockVariances<'_> {
 /// a pixel that has found no light shows none, and one with a firefly hides it in the mean of its neighbourhood. (By the
 /// neighbourhood alone, that firefly stood in the means which the other replicates are held against, and the stated error
 /// of caustics at 64 spp was 0.82 of the true one.)
-pub(super) struct BlockErrors<'a> {
-    pub replicates: Replicates<'a>,
-    pub block: &'a PixelBlock,
-    pub quantum: Quantum,
-    /// What all of them are multiplied by.
-    pub scale: f64,
-}
+pub(super) struct BlockErrors<'a>(pub Known<'a>);
 
 impl Kernel for BlockErrors<'_> {
     type Output = ErrorSum;
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) -> ErrorSum {
-        let BlockErrors { replicates, block, quantum, scale } = self;
+        let Known { replicates, block, quantum, scale } = self.0;
         let mut out = ErrorSum::default();
         let samples: f64 = replicates.used().map(|(_, samples)| samples).sum();
         let planes = BlockPlanes::new(replicates, block, quantum);

@@ -134,6 +134,16 @@ pub enum SamplerKind {
     Independent,
 }
 
+impl SamplerKind {
+    /// Name for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            SamplerKind::Sobol => "sobol",
+            SamplerKind::Independent => "independent",
+        }
+    }
+}
+
 /// Random numbers and samples a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sampler {

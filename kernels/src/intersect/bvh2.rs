@@ -3,6 +3,7 @@
 use super::{Accelerator, Hit, TraversalStack, bounds, test_round, test_triangle};
 use crate::intersect::triangle::ShearedRay;
 use crate::isa::Isa;
+use crate::lanes::Real;
 use crate::scene::{Geometry, MISS};
 use core::time::Duration;
 use glam::{Vec3A, vec3a};
@@ -90,10 +91,10 @@ pub(super) fn inverse(x: f32) -> f32 {
 }
 
 /// A distance a little beyond `t`: boxes entered there may still hold a hit at `t` itself, which wins if its number
-/// is lower.
+/// is lower; and boxes left there, by a ray that touches them, must not be lost to rounding (Ize 2013).
 #[inline(always)]
-pub(super) fn beyond(t: f32) -> f32 {
-    t * (1.0 + 4.0 * f32::EPSILON)
+pub(super) fn beyond<F: Real>(t: F) -> F {
+    t * F::lit(1.0 + 4.0 * f32::EPSILON as f64)
 }
 
 /// Grows all boxes by 32 units in the last place of the scene's size. obvhs' box test has no margin for the rounding

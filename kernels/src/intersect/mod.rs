@@ -158,7 +158,7 @@ pub trait Accelerator: Sync {
         out
     }
     /// The active rays of some packets that go together which hit anything within their distance, a bit each: the first
-    /// packet's in the lowest 16.
+    /// packet's in the lowest [`PACKET_BITS`].
     #[inline(always)]
     fn occluded_packets<I: Isa, const V: usize>(
         &self,
@@ -173,7 +173,7 @@ pub trait Accelerator: Sync {
             for lane in set_lanes(packet.active.bits()) {
                 let (origin, direction) = (packet.origin.lane(lane), packet.direction.lane(lane));
                 let met = self.occluded(isa, origin, direction, distance[lane], stack);
-                blocked |= (met as u64) << (16 * v + lane);
+                blocked |= (met as u64) << (PACKET_BITS * v + lane);
             }
         }
         blocked
@@ -390,7 +390,7 @@ pub enum Traversal {
     Packets,
     /// One after the other.
     Single,
-    /// As packets, of rays that are put in order first.
+    /// As packets, of rays that are put in order first; shadow rays in the order in which they come.
     Sorted,
     /// Several at a time, a node each in turn, so that the memory of one is fetched while the others compute: for rays
     /// that go different ways through a tree that is larger than the cache.
@@ -409,7 +409,7 @@ pub enum Policy {
     Mixed,
     /// All rays in packets.
     Packets,
-    /// All rays in packets, those of later rays in order.
+    /// All rays in packets, bounce rays put in order first.
     Sorted,
     /// All rays interleaved.
     Interleaved,
@@ -533,6 +533,37 @@ impl<A: Accelerator> Intersect<'_, A> {
 
 /// Vectors of rays, in the order in which they came into being, that go through the tree together.
 pub const TOGETHER: usize = 2;
+/// Bits that a packet has in a word with a bit for each ray of some: the lanes of the widest vector.
+pub const PACKET_BITS: usize = 16;
+
+/// A [`RayPacket`] of a queue, whose columns are read as is said.
+macro_rules! packet {
+    ($queue:expr, |$column:ident| $read:expr, $active:expr) => {{
+        macro_rules! vector {
+            ($x:ident, $y:ident, $z:ident) => {
+                Vec3::new(
+                    {
+                        let $column = &$queue.$x;
+                        $read
+                    },
+                    {
+                        let $column = &$queue.$y;
+                        $read
+                    },
+                    {
+                        let $column = &$queue.$z;
+                        $read
+                    },
+                )
+            };
+        }
+        RayPacket {
+            origin: vector!(origin_x, origin_y, origin_z),
+            direction: vector!(direction_x, direction_y, direction_z),
+            active: $active,
+        }
+    }};
+}
 
 macro_rules! packets {
     ($queue:ident) => {
@@ -540,16 +571,7 @@ macro_rules! packets {
             /// Up to `count` rays from place `at` on.
             #[inline(always)]
             pub fn packet<F: Real>(&self, at: usize, count: usize) -> RayPacket<F> {
-                let column = |c: &[f32]| F::load(c, at);
-                RayPacket {
-                    origin: Vec3::new(column(&self.origin_x), column(&self.origin_y), column(&self.origin_z)),
-                    direction: Vec3::new(
-                        column(&self.direction_x),
-                        column(&self.direction_y),
-                        column(&self.direction_z),
-                    ),
-                    active: F::Mask::first(count.min(F::LANES)),
-                }
+                packet!(self, |column| F::load(column, at), F::Mask::first(count.min(F::LANES)))
             }
         }
     };
@@ -565,16 +587,7 @@ impl PathQueue {
     #[inline(always)]
     unsafe fn packet_of<F: Real>(&self, place: F::Uint, count: usize) -> RayPacket<F> {
         // SAFETY: the caller's promise.
-        let column = |c: &[f32]| unsafe { F::gather(c, place) };
-        RayPacket {
-            origin: Vec3::new(column(&self.origin_x), column(&self.origin_y), column(&self.origin_z)),
-            direction: Vec3::new(
-                column(&self.direction_x),
-                column(&self.direction_y),
-                column(&self.direction_z),
-            ),
-            active: F::Mask::first(count),
-        }
+        packet!(self, |column| unsafe { F::gather(column, place) }, F::Mask::first(count))
     }
 
     /// Origin and direction of the ray at place `i`.

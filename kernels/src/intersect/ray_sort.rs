@@ -8,33 +8,13 @@
 //! interleaved rays. Later shadow rays go to few lights and are in order as they come: sorting them took 1.00 to 1.28
 //! times as long.
 
+use super::RayPacket;
 use crate::lanes::{Real, Uint};
-use crate::queue::{PathQueue, ShadowQueue};
+use crate::queue::PathQueue;
 use core::ops::Range;
 
 /// Bits of a key: octant of the direction, then three bits of each coordinate of the origin, interleaved.
 const KEY_BITS: u32 = 12;
-
-/// Columns of a ray.
-pub trait Rays {
-    /// Origin, then direction: x, y, z each.
-    fn columns(&self) -> [&[f32]; 6];
-}
-
-macro_rules! rays {
-    ($($queue:ident),*) => {$(
-        impl Rays for $queue {
-            #[inline(always)]
-            fn columns(&self) -> [&[f32]; 6] {
-                [
-                    &self.origin_x, &self.origin_y, &self.origin_z,
-                    &self.direction_x, &self.direction_y, &self.direction_z,
-                ]
-            }
-        }
-    )*};
-}
-rays!(PathQueue, ShadowQueue);
 
 /// Sorts the rays that go through a tree.
 #[derive(Clone, Debug, Default)]
@@ -68,10 +48,11 @@ impl RaySorter {
 
     /// Keys of a vector of rays.
     #[inline(always)]
-    fn key<F: Real>(&self, [x, y, z]: [F; 3], [dx, dy, dz]: [F; 3]) -> F::Uint {
-        let cell = self.spread(0, x) | self.spread(1, y).shl::<1>() | self.spread(2, z).shl::<2>();
+    fn key<F: Real>(&self, rays: &RayPacket<F>) -> F::Uint {
+        let (o, d) = (rays.origin, rays.direction);
+        let cell = self.spread(0, o.x) | self.spread(1, o.y).shl::<1>() | self.spread(2, o.z).shl::<2>();
         let sign = |d: F| d.to_bits().shr::<31>();
-        let octant = sign(dx) | sign(dy).shl::<1>() | sign(dz).shl::<2>();
+        let octant = sign(d.x) | sign(d.y).shl::<1>() | sign(d.z).shl::<2>();
         octant.shl::<9>() | cell
     }
 
@@ -80,20 +61,16 @@ impl RaySorter {
     #[inline(always)]
     pub fn sort<F: Real>(
         &mut self,
-        rays: &impl Rays,
+        rays: &PathQueue,
         range: Range<usize>,
         keys: &mut [u32],
         order: &mut [u32],
     ) {
-        let [ox, oy, oz, dx, dy, dz] = rays.columns();
         let mut done = 0;
         while done < range.len() {
             // Columns are padded, so whole vectors can be read and written.
             let at = range.start + done;
-            let key = self.key::<F>(
-                [F::load(ox, at), F::load(oy, at), F::load(oz, at)],
-                [F::load(dx, at), F::load(dy, at), F::load(dz, at)],
-            );
+            let key = self.key(&rays.packet::<F>(at, F::LANES));
             key.store(keys, done);
             done += F::LANES;
         }

@@ -6,7 +6,7 @@ pub mod lights;
 
 pub use lights::LightTable;
 
-use crate::intersect::{Accelerator, RayPacket, TOGETHER, Traversal, TraversalStack};
+use crate::intersect::{Accelerator, PACKET_BITS, RayPacket, TOGETHER, Traversal, TraversalStack};
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Mask, Real};
 use crate::queue::{ShadowQueue, SlotTable};
@@ -69,7 +69,7 @@ impl<A: Accelerator> LightSample<'_, A> {
             }
             let blocked = self.accelerator.occluded_packets(isa, &packets, &distance, self.stack);
             for (v, packet) in packets.iter().enumerate() {
-                let mut free = packet.active.bits() & !(blocked >> (16 * v)) as u32;
+                let mut free = packet.active.bits() & !(blocked >> (PACKET_BITS * v)) as u32;
                 while free != 0 {
                     self.slots.add_shadow(rays, at + free.trailing_zeros() as usize);
                     free &= free - 1;

@@ -104,8 +104,7 @@ impl Bvh8<'_> {
             let [x, y, z] = map3!([0, 1, 2], |k| (I::Eight::load(near[k], 0) - origin[k]) * inverse[k]);
             let enter = x.max(y).max(z).max(I::Eight::zero());
             let [x, y, z] = map3!([0, 1, 2], |k| (I::Eight::load(far[k], 0) - origin[k]) * inverse[k]);
-            // Rounding of the far sides must not lose boxes (Ize 2013).
-            let leave = x.min(y).min(z) * I::Eight::lit(1.0 + 4.0 * f32::EPSILON as f64);
+            let leave = beyond(x.min(y).min(z));
             // Two comparisons: a ray that is no number enters nothing, not even children that are not there.
             let lanes = enter.le(leave) & enter.le(I::Eight::splat(beyond(ray.hit.t)));
             // The children that the ray enters, the farthest first, in an order that depends on the octant of the

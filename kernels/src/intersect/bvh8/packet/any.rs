@@ -5,15 +5,13 @@
 
 use super::bounds::Bounds;
 use super::{Meet, Prepared};
+use crate::intersect::bvh2::beyond;
 use crate::intersect::bvh8::{Block, Bvh8, Child};
 use crate::intersect::triangle::TriangleHits;
-use crate::intersect::{Hit, RayPacket, TraversalStack};
+use crate::intersect::{Hit, PACKET_BITS, RayPacket, TraversalStack};
 use crate::isa::Isa;
 use crate::lanes::{Mask, Real};
 use crate::scene::MISS;
-
-/// Bits of a vector in a word for all of them.
-const BITS: usize = 16;
 
 /// Rays that have met nothing, a bit each.
 struct Free<'a>(&'a mut u32);
@@ -26,7 +24,8 @@ impl<F: Real> Meet<F> for Free<'_> {
 }
 
 impl Bvh8<'_> {
-    /// The active rays that meet anything within their distance, a bit each: the first vector's in the lowest 16.
+    /// The active rays that meet anything within their distance, as of
+    /// [`occluded_packets`](crate::intersect::Accelerator::occluded_packets).
     #[inline(always)]
     pub(in crate::intersect::bvh8) fn walk_packets_any<I: Isa, const V: usize>(
         &self,
@@ -34,18 +33,19 @@ impl Bvh8<'_> {
         distance: &[I::Wide; V],
         stack: &mut TraversalStack,
     ) -> u64 {
-        if self.nodes.is_empty() {
-            return 0;
-        }
         let mut packets = [Prepared::new(&rays[0]); V];
         let mut limit = [I::Wide::zero(); V];
         let mut furthest = I::Wide::zero();
         let mut active = 0;
         for v in 0..V {
             packets[v] = Prepared::new(&rays[v]);
-            limit[v] = distance[v] * I::Wide::lit(1.0 + 4.0 * f32::EPSILON as f64);
-            furthest = I::Wide::select(rays[v].active, furthest.max(limit[v]), furthest);
-            active |= (rays[v].active.bits() as u64) << (BITS * v);
+            limit[v] = beyond(distance[v]);
+            // A distance that is no number is none of the largest.
+            furthest = I::Wide::select(rays[v].active & furthest.lt(limit[v]), limit[v], furthest);
+            active |= (rays[v].active.bits() as u64) << (PACKET_BITS * v);
+        }
+        if self.nodes.is_empty() || active == 0 {
+            return 0;
         }
         let bounds = Bounds::new(&packets);
         let (near, reach) = (bounds.near(), furthest.largest());
@@ -59,23 +59,21 @@ impl Bvh8<'_> {
         loop {
             if current.0 & Child::LEAF != 0 {
                 for v in 0..V {
-                    let rays = (lanes >> (BITS * v)) as u16 as u32;
+                    let rays = (lanes >> (PACKET_BITS * v)) as u16 as u32;
                     if rays != 0 {
                         let met = self.packet_leaf_any::<I>(&packets[v], current, rays, distance[v]);
-                        free &= !((met as u64) << (BITS * v));
+                        free &= !((met as u64) << (PACKET_BITS * v));
                     }
                 }
-            } else if near.is_none() && lanes & lanes.wrapping_sub(1) == 0 {
+            } else if near.is_none() && lanes & (lanes - 1) == 0 {
                 // One ray that has left the others. (Where they are a beam it goes on with them: going on alone took 1.1
                 // times the time.)
-                let (v, lane) =
-                    (lanes.trailing_zeros() as usize / BITS % V, lanes.trailing_zeros() as usize % BITS);
-                if lanes != 0 {
-                    let (origin, direction) = packets[v].ray(lane);
-                    let none = Hit::none(distance[v].to_array()[lane]);
-                    if self.walk::<I, true>(current, origin, direction, none, stack).primitive != MISS {
-                        free &= !lanes;
-                    }
+                let bit = lanes.trailing_zeros() as usize;
+                let (v, lane) = (bit / PACKET_BITS % V, bit % PACKET_BITS);
+                let (origin, direction) = packets[v].ray(lane);
+                let none = Hit::none(distance[v].to_array()[lane]);
+                if self.walk::<I, true>(current, origin, direction, none, stack).primitive != MISS {
+                    free &= !lanes;
                 }
             } else {
                 // SAFETY: inner children are numbers of nodes; `self.stack` entries hold all that any way down leaves
@@ -89,7 +87,7 @@ impl Bvh8<'_> {
                         let mut entering = 0;
                         for v in 0..V {
                             let (_, lanes) = packets[v].enter(node, near, child, limit[v]);
-                            entering |= (lanes.bits() as u64) << (BITS * v);
+                            entering |= (lanes.bits() as u64) << (PACKET_BITS * v);
                         }
                         entering &= lanes;
                         *waiting.add(held) = (node.child[child], entering);

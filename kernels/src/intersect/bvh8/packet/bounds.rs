@@ -2,6 +2,7 @@
 //! can enter.
 
 use super::{AXES, Prepared};
+use crate::intersect::bvh2::beyond;
 use crate::intersect::bvh8::Node;
 use crate::lanes::{Mask, Real, map3};
 
@@ -127,7 +128,7 @@ impl Beam {
         let [x, y, z] = map3!([0, 1, 2], |k| distance!(self.near[k], self.first[k]));
         let enter = x.max(y).max(z).max(F::zero());
         let [x, y, z] = map3!([0, 1, 2], |k| distance!(self.near[k] ^ 1, self.last[k]));
-        let leave = x.min(y).min(z) * F::lit(1.0 + 4.0 * f32::EPSILON as f64);
+        let leave = beyond(x.min(y).min(z));
         (enter.le(leave) & enter.le(F::splat(limit))).bits()
     }
 }

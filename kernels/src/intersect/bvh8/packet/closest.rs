@@ -2,6 +2,7 @@
 
 use super::bounds::Bounds;
 use super::{Meet, Prepared};
+use crate::intersect::bvh2::beyond;
 use crate::intersect::bvh8::{BLOCK, Block, Bvh8, Child, EMPTY};
 use crate::intersect::triangle::TriangleHits;
 use crate::intersect::{Hit, PacketHit, RayPacket, TraversalStack};
@@ -25,7 +26,7 @@ impl<F: Real> Best<'_, F> {
         hit.primitive = F::Uint::select(better, id, hit.primitive);
         hit.u = F::select(better, u, hit.u);
         hit.v = F::select(better, v, hit.v);
-        *self.limit = F::select(better, t * F::lit(1.0 + 4.0 * f32::EPSILON as f64), *self.limit);
+        *self.limit = F::select(better, beyond(t), *self.limit);
     }
 }
 
@@ -39,7 +40,7 @@ impl<F: Real> Meet<F> for Best<'_, F> {
 
 impl Bvh8<'_> {
     /// With so few rays left in a subtree they go on one by one, unless they are a beam. Measured: flat from 1 to 3.
-    const TOGETHER: usize = 2;
+    const FEW: usize = 2;
 
     /// Walks the tree with all active rays.
     #[inline(always)]
@@ -87,7 +88,7 @@ impl Bvh8<'_> {
                     furthest = furthest.max(limit[v]);
                 }
                 reach = furthest.largest();
-            } else if near.is_none() && count <= Self::TOGETHER {
+            } else if near.is_none() && count <= Self::FEW {
                 for v in 0..V {
                     let best = Best { hit: &mut hit[v], limit: &mut limit[v] };
                     self.one_by_one::<I>(&packets[v], current, alive[v].bits(), best, stack);

@@ -17,6 +17,7 @@ mod bounds;
 mod closest;
 
 use super::{BLOCK, Block, Bvh8, Node};
+use crate::intersect::bvh2::beyond;
 use crate::intersect::{Hit, RayPacket, sphere, test_round, triangle};
 use crate::isa::Isa;
 use crate::lanes::{Mask, Real, Uint, map3};
@@ -204,8 +205,7 @@ impl<F: Real> Prepared<F> {
             }
         };
         let enter = enter.max(F::zero());
-        let leave = leave * F::lit(1.0 + 4.0 * f32::EPSILON as f64);
-        (enter, enter.le(leave) & enter.le(limit))
+        (enter, enter.le(beyond(leave)) & enter.le(limit))
     }
 }
 
