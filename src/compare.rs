@@ -26,7 +26,7 @@ use serde::Serialize;
 use crate::picture::Image;
 
 /// Added to `R^2` in relMSE and to the denominators of MAPE and SMAPE.
-pub const EPSILON: f64 = 0.01;
+pub use wavepath_engine::film::EPSILON;
 
 /// Share of the pixels that the trimmed relMSE leaves out: 1 in 1000, the number rounded down.
 const TRIMMED_SHARE: usize = 1000;

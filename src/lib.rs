@@ -14,7 +14,8 @@
 //! | [`meshes`] | makes meshes by procedure |
 //! | [`cli`] | the command |
 //!
-//! Queues, kernels and physics are in the crate `wavepath-kernels`.
+//! The engines, their film and their plan are the crate `wavepath-engine`; queues, kernels and physics are the crate
+//! `wavepath-kernels`.
 #![deny(missing_docs)]
 
 pub mod atomic_file;
@@ -24,16 +25,16 @@ mod colour_map;
 pub mod compare;
 mod contain_panics;
 pub mod converge;
-pub mod engine;
-pub mod film;
 pub mod interrupt;
 pub mod machine;
 mod memory;
 pub mod meshes;
 pub mod pbrt;
 pub mod picture;
-pub mod plan;
 pub mod progress;
 pub mod report;
 pub mod scene;
 pub mod tev;
+
+pub use wavepath_engine as engine;
+pub use wavepath_engine::{film, plan};

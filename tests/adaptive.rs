@@ -24,12 +24,17 @@ fn is_uneven(rendered: &Rendered) -> bool {
 
 /// Brightness of adaptive renders over that of plain ones, less 1: mean over seeds and its standard error, by channel. The
 /// differences are taken in pairs, as the first samples are the same. And how many of them were uneven.
-fn brightness(scene: &SceneDescription, samplers: &[SamplerKind], seeds: usize) -> ([(f64, f64); 3], usize) {
+fn brightness(
+    scene: &SceneDescription,
+    samplers: &[SamplerKind],
+    spp: u32,
+    seeds: usize,
+) -> ([(f64, f64); 3], usize) {
     let mut uneven = 0;
     let mut differences = [const { Vec::new() }; 3];
     for seed in 0..seeds {
         let sampler = samplers[seed % samplers.len()];
-        let render = Render { seed: seed as u64, sampler, ..adaptive() };
+        let render = Render { seed: seed as u64, sampler, spp: Some(spp), ..adaptive() };
         let rendered = render.of(scene);
         uneven += is_uneven(&rendered) as usize;
         let (mean, plain) = (rendered.mean(), Render { adaptive: false, ..render }.of(scene).mean());
@@ -50,7 +55,7 @@ fn brightness(scene: &SceneDescription, samplers: &[SamplerKind], seeds: usize) 
 /// enough to say something: a rule by which blocks decide on their own samples is too dark by 0.2 % in `caustics.pbrt`.
 #[test]
 fn the_picture_is_as_bright_as_without() {
-    let (means, uneven) = brightness(&uneven(), &SAMPLERS, 24);
+    let (means, uneven) = brightness(&uneven(), &SAMPLERS, 64, 24);
     assert_eq!(uneven, 24);
     for (mean, error) in means {
         assert!(error < 1e-3 && mean.abs() < 3.0 * error, "{mean} +- {error}");
@@ -61,9 +66,9 @@ fn the_picture_is_as_bright_as_without() {
 #[test]
 #[ignore = "prints a table, in a minute"]
 fn brightness_of_caustics() {
-    let scene = sized(shipped("caustics.pbrt"), 64, 64);
+    let scene = sized(shipped("caustics.pbrt"), 128, 128);
     for sampler in SAMPLERS {
-        let (means, uneven) = brightness(&scene, &[sampler], 80);
+        let (means, uneven) = brightness(&scene, &[sampler], 256, 20);
         for (mean, error) in means {
             println!("{sampler:?}, {uneven} uneven: {:.3} % +- {:.3} %", 100.0 * mean, 100.0 * error);
         }

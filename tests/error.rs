@@ -148,7 +148,7 @@ fn to_error(scene: &SceneDescription, error: f64, spp: Option<u32>, threads: usi
     let plan = Plan::new(&built);
     let engine = Render::default().engine;
     let tree = Tree::build(engine, &built);
-    let film = Film::for_render(&scene.film, &built, plan.requirements, None);
+    let film = Film::for_render(scene.film.frame(), &built, plan.requirements, None);
     let settings = Settings {
         engine,
         sampler: SamplerKind::Sobol,

@@ -30,7 +30,7 @@ fn render(name: &str, spp: u32) -> Image {
     scene::set_resolution(&mut description, SIDE, SIDE);
     let scene = scene::build(&description, SphericalLights::Cone).unwrap();
     let plan = Plan::new(&scene);
-    let film = Film::for_render(&description.film, &scene, plan.requirements, Some(spp));
+    let film = Film::for_render(description.film.frame(), &scene, plan.requirements, Some(spp));
     let settings = Settings {
         engine: EngineKind::Wavefront,
         sampler: SamplerKind::Sobol,

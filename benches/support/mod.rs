@@ -206,7 +206,7 @@ impl Loaded {
 
     /// An empty film.
     pub fn film(&self, spp: u32) -> Film {
-        Film::for_render(&self.description.film, &self.scene, self.plan.requirements, Some(spp))
+        Film::for_render(self.description.film.frame(), &self.scene, self.plan.requirements, Some(spp))
     }
 
     /// Renders and hands over each round, until `each` breaks or the image is done. Blocks of pixels come in an order that

@@ -115,7 +115,7 @@ impl<'a> Subject<'a> {
     fn render(&self, variant: &Variant, spp: u32) -> (Measured, Film) {
         let plan = if variant.everything { &self.everything } else { &self.plan };
         let tree = if variant.engine == EngineKind::Megakernel { &self.naive } else { &self.wide };
-        let film = Film::for_render(&self.description.film, self.scene, plan.requirements, Some(spp));
+        let film = Film::for_render(self.description.film.frame(), self.scene, plan.requirements, Some(spp));
         let settings = Settings {
             engine: variant.engine,
             sampler: variant.sampler,

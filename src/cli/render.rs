@@ -238,7 +238,7 @@ pub(super) fn film(
     spp: Option<u32>,
 ) -> Result<Film, Failure> {
     let film = &description.film;
-    let needed = Film::bytes_for_render(film, plan.requirements, spp);
+    let needed = Film::bytes_for_render(film.frame(), plan.requirements, spp);
     if needed > memory::limit() {
         let [width, height] = film.resolution;
         return Err(Failure::Input(format!(
@@ -248,7 +248,7 @@ pub(super) fn film(
             memory::in_gib(memory::limit()),
         )));
     }
-    Ok(Film::for_render(film, scene, plan.requirements, spp))
+    Ok(Film::for_render(film.frame(), scene, plan.requirements, spp))
 }
 
 /// The pixels as a picture, with its place in the frame.

@@ -4,10 +4,10 @@
 //!
 //! 1. `lexer` streams tokens with their places out of a file, compressed or not;
 //! 2. `parser` knows the format: it follows `Include`, and yields directives with typed parameters;
-//! 3. `target` knows wavepath: it turns directives into a [`SceneDescription`], with the help of `ply`
+//! 3. `interpret` knows wavepath: it turns directives into a [`SceneDescription`], with the help of `ply`
 //!    (meshes), `spectra` (colours) and `transform`.
 //!
-//! The parser knows nothing of what wavepath supports, and the target nothing of brackets and quotes.
+//! The parser knows nothing of what wavepath supports, and the interpreter nothing of brackets and quotes.
 //!
 //! What pbrt has and wavepath lacks is an error that names it; where the picture stays right without it, a warning.
 //! No input makes the reader panic, hang, or take memory on a header's word.
@@ -30,6 +30,7 @@
 mod dialect;
 mod error;
 mod graphics_state;
+mod interpret;
 mod lexer;
 mod parameters;
 mod parser;
@@ -37,7 +38,6 @@ mod ply;
 mod source;
 mod spectra;
 mod suggest;
-mod target;
 mod transform;
 
 use std::path::{Path, PathBuf};
@@ -47,10 +47,10 @@ pub use error::{Diagnostic, Error, Excerpt, Location, Severity};
 use crate::scene::SceneDescription;
 use dialect::Dialect;
 use error::{Place, Problem};
+use interpret::Builder;
 use lexer::Lexer;
 use parser::Parser;
 use source::Sources;
-use target::Builder;
 
 /// A scene, and what there is to say about its files.
 #[derive(Clone, Debug)]

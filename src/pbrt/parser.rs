@@ -1,6 +1,6 @@
 //! Knows the format: turns tokens into statements with typed parameters, and follows `Include` and `Import`.
 //!
-//! It knows nothing of what wavepath supports: that is [`super::target`]'s affair.
+//! It knows nothing of what wavepath supports: that is [`super::interpret`]'s affair.
 
 use std::path::{Path, PathBuf};
 

@@ -5,6 +5,8 @@
 //! costs no accuracy; vertices are rounded to `f32` once, in world space.
 
 use glam::{DAffine3, DVec3};
+use wavepath_engine::SamplerKind;
+use wavepath_engine::film::Frame;
 
 /// Linear RGB, not clamped. Radiance in W/(m^2 sr) where it is emitted light, dimensionless where it is a reflectance.
 pub type Rgb = [f32; 3];
@@ -82,6 +84,13 @@ pub struct Film {
     pub filename: Option<String>,
 }
 
+impl Film {
+    /// The pixels to render, and their place in the image.
+    pub fn frame(&self) -> Frame {
+        Frame { image_width: self.resolution[0], bounds: self.pixel_bounds }
+    }
+}
+
 impl Default for Film {
     fn default() -> Self {
         Film { resolution: [1280, 720], pixel_bounds: [0, 1280, 0, 720], filename: None }
@@ -122,25 +131,6 @@ pub enum Filter {
 impl Default for Filter {
     fn default() -> Self {
         Filter::Gaussian { radius: [1.5, 1.5], sigma: 0.5 }
-    }
-}
-
-/// Which random numbers drive the estimator.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SamplerKind {
-    /// Owen-scrambled Sobol points, padded 2D (Burley 2020).
-    Sobol,
-    /// Independent uniform numbers from a hash.
-    Independent,
-}
-
-impl SamplerKind {
-    /// Name for reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            SamplerKind::Sobol => "sobol",
-            SamplerKind::Independent => "independent",
-        }
     }
 }
 

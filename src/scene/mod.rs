@@ -5,3 +5,4 @@ mod description;
 
 pub use build::{BuildError, SphericalLights, build, set_resolution};
 pub use description::*;
+pub use wavepath_engine::SamplerKind;

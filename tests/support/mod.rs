@@ -130,7 +130,7 @@ impl Render {
         let scene = scene::build(description, self.spherical).unwrap();
         let plan = Plan::new(&scene);
         let tree = Tree::build(self.engine, &scene);
-        let film = Film::for_render(&description.film, &scene, plan.requirements, self.spp);
+        let film = Film::for_render(description.film.frame(), &scene, plan.requirements, self.spp);
         let settings = Settings {
             engine: self.engine,
             sampler: self.sampler,

@@ -1,7 +1,6 @@
 //! The error of a film's pixels, from the spread of their replicates.
 
-use super::{BlockSums, FilmBlock, Quantum};
-use crate::compare::EPSILON;
+use super::{BlockSums, EPSILON, FilmBlock, Quantum};
 use wavepath_kernels::generate::{BLOCK_PIXELS, BLOCK_SIDE, PixelBlock};
 use wavepath_kernels::isa::{Isa, Kernel};
 

@@ -21,6 +21,18 @@ use wavepath_kernels::isa::Level;
 use wavepath_kernels::queue::Requirements;
 use wavepath_kernels::scene::Scene;
 
+/// Added to the squared reference in relMSE, the mean of `(I - R)^2 / (R^2 + EPSILON)`: black pixels count, too.
+pub const EPSILON: f64 = 0.01;
+
+/// The pixels that are rendered, and their place in the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Frame {
+    /// Width of the full image; numbers pixels.
+    pub image_width: u32,
+    /// Pixels to render: `[x0, x1, y0, y1]`, half open.
+    pub bounds: [u32; 4],
+}
+
 /// Which multiple of which power of two samples are rounded to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quantum {
@@ -228,29 +240,20 @@ impl Film {
     }
 
     /// An empty film for `spp` samples of each pixel of a scene; `None`: as many as the time allows.
-    pub fn for_render(
-        film: &crate::scene::Film,
-        scene: &Scene,
-        requirements: Requirements,
-        spp: Option<u32>,
-    ) -> Self {
-        let replicates = replicates_for(spp, pixels_in(film.pixel_bounds), requirements);
+    pub fn for_render(frame: Frame, scene: &Scene, requirements: Requirements, spp: Option<u32>) -> Self {
+        let replicates = replicates_for(spp, pixels_in(frame.bounds), requirements);
         let quantum = Quantum::for_brightest(scene.brightest());
-        Film::new(film.resolution[0], film.pixel_bounds, replicates, quantum, requirements)
+        Film::new(frame.image_width, frame.bounds, replicates, quantum, requirements)
     }
 
     /// Replicates that [`Film::for_render`] keeps of each pixel.
-    pub fn replicates_for_render(
-        film: &crate::scene::Film,
-        requirements: Requirements,
-        spp: Option<u32>,
-    ) -> u32 {
-        replicates_for(spp, pixels_in(film.pixel_bounds), requirements)
+    pub fn replicates_for_render(frame: Frame, requirements: Requirements, spp: Option<u32>) -> u32 {
+        replicates_for(spp, pixels_in(frame.bounds), requirements)
     }
 
     /// Bytes that [`Film::for_render`] takes.
-    pub fn bytes_for_render(film: &crate::scene::Film, requirements: Requirements, spp: Option<u32>) -> u64 {
-        let pixels = pixels_in(film.pixel_bounds);
+    pub fn bytes_for_render(frame: Frame, requirements: Requirements, spp: Option<u32>) -> u64 {
+        let pixels = pixels_in(frame.bounds);
         Film::bytes(pixels, replicates_for(spp, pixels, requirements), requirements)
     }
 

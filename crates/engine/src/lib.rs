@@ -1,10 +1,15 @@
-//! The engines: two ways to execute one definition of a path.
+//! The engines of the wavepath path tracer: two ways to execute one definition of a path, the film that they fill, and
+//! the plan that says what a scene needs.
 //!
 //! [`wavefront`] runs batch kernels over pools of paths; [`megakernel`] follows one path at a time. Both draw the same
 //! random numbers and share the estimator, down to the bit.
 
+#![deny(missing_docs)]
+
 pub mod adaptive;
+pub mod film;
 pub mod megakernel;
+pub mod plan;
 pub mod schedule;
 pub mod session;
 pub mod stats;
@@ -12,7 +17,6 @@ pub mod wavefront;
 
 use crate::film::{BlockSums, Film};
 use crate::plan::Plan;
-use crate::scene::SamplerKind;
 use schedule::{Schedule, Stop, Unit};
 use session::Session;
 use stats::Stats;
@@ -27,6 +31,25 @@ use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol};
 use wavepath_kernels::scene::Scene;
 use wavepath_kernels::shade::{Features, Kinds};
+
+/// Which random numbers drive the estimator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SamplerKind {
+    /// Owen-scrambled Sobol points, padded 2D (Burley 2020).
+    Sobol,
+    /// Independent uniform numbers from a hash.
+    Independent,
+}
+
+impl SamplerKind {
+    /// Name for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            SamplerKind::Sobol => "sobol",
+            SamplerKind::Independent => "independent",
+        }
+    }
+}
 
 /// How paths are executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
