@@ -37,8 +37,8 @@ pub trait Isa: Copy + Send + Sync + 'static {
     fn run<K: Kernel>(self, kernel: K) -> K::Output;
 }
 
-/// The instruction sets there are, from the plainest to the widest.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+/// The instruction sets there are. They have no order: ask [`Level::is_available`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     /// What every machine of the architecture has (SSE2, NEON).
     Baseline,
@@ -52,35 +52,62 @@ pub enum Level {
 }
 
 impl Level {
-    /// The widest set of this machine.
-    pub fn detect() -> Level {
-        #[cfg(target_arch = "x86_64")]
-        {
-            let avx2 = std::is_x86_feature_detected!("avx2")
+    /// All of them, the best first, [`Level::OneLane`] last: it is for comparisons.
+    const ALL: [Level; 4] = [Level::Avx512, Level::Avx2, Level::Baseline, Level::OneLane];
+
+    /// Has this machine the set, and this program kernels for it?
+    pub fn is_available(self) -> bool {
+        self.is_compiled() && self.is_of_machine()
+    }
+
+    /// `--cfg wavepath_only="avx512"` (or `"avx2"`) compiles kernels for that set and the baseline alone: for short
+    /// builds while working on them.
+    const fn is_compiled(self) -> bool {
+        match self {
+            Level::Baseline => true,
+            Level::OneLane => !cfg!(any(wavepath_only = "avx512", wavepath_only = "avx2")),
+            Level::Avx2 => !cfg!(wavepath_only = "avx512"),
+            Level::Avx512 => !cfg!(wavepath_only = "avx2"),
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn is_of_machine(self) -> bool {
+        let avx2 = || {
+            std::is_x86_feature_detected!("avx2")
                 && std::is_x86_feature_detected!("fma")
                 && std::is_x86_feature_detected!("bmi1")
                 && std::is_x86_feature_detected!("bmi2")
                 && std::is_x86_feature_detected!("lzcnt")
-                && std::is_x86_feature_detected!("popcnt");
-            let avx512 = avx2
-                && std::is_x86_feature_detected!("avx512f")
-                && std::is_x86_feature_detected!("avx512dq")
-                && std::is_x86_feature_detected!("avx512vl")
-                && std::is_x86_feature_detected!("avx512bw")
-                && std::is_x86_feature_detected!("avx512cd");
-            if avx512 {
-                return Level::Avx512;
-            }
-            if avx2 {
-                return Level::Avx2;
+                && std::is_x86_feature_detected!("popcnt")
+        };
+        match self {
+            Level::Baseline => true,
+            Level::OneLane | Level::Avx2 => avx2(),
+            Level::Avx512 => {
+                avx2()
+                    && std::is_x86_feature_detected!("avx512f")
+                    && std::is_x86_feature_detected!("avx512dq")
+                    && std::is_x86_feature_detected!("avx512vl")
+                    && std::is_x86_feature_detected!("avx512bw")
+                    && std::is_x86_feature_detected!("avx512cd")
             }
         }
-        Level::Baseline
     }
 
-    /// All sets that this machine has. [`Level::OneLane`] is not among them: it is for comparisons.
+    #[cfg(not(target_arch = "x86_64"))]
+    fn is_of_machine(self) -> bool {
+        self == Level::Baseline
+    }
+
+    /// The best set of this machine.
+    pub fn detect() -> Level {
+        Level::ALL.into_iter().find(|level| level.is_available()).unwrap_or(Level::Baseline)
+    }
+
+    /// All sets that this machine has, the best first. [`Level::OneLane`] is not among them.
     pub fn available() -> impl Iterator<Item = Level> {
-        [Level::Baseline, Level::Avx2, Level::Avx512].into_iter().filter(|l| *l <= Level::detect())
+        Level::ALL.into_iter().filter(|&level| level != Level::OneLane && level.is_available())
     }
 
     /// Name for reports.
@@ -104,17 +131,17 @@ impl Level {
     /// If the machine does not have it.
     #[inline]
     pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
-        assert!(self <= Level::detect(), "this machine has no {}", self.name());
+        assert!(self.is_available(), "this machine has no {}", self.name());
         match self {
             Level::Baseline => Baseline.run(kernel),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", not(any(wavepath_only = "avx512", wavepath_only = "avx2"))))]
             Level::OneLane => OneLane(()).run(kernel),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", not(wavepath_only = "avx512")))]
             Level::Avx2 => Avx2(()).run(kernel),
-            #[cfg(target_arch = "x86_64")]
+            #[cfg(all(target_arch = "x86_64", not(wavepath_only = "avx2")))]
             Level::Avx512 => Avx512(()).run(kernel),
-            #[cfg(not(target_arch = "x86_64"))]
-            _ => unreachable!("not detected here"),
+            #[allow(unreachable_patterns, reason = "nothing is left where all are compiled")]
+            _ => unreachable!("not available here"),
         }
     }
 }

@@ -77,7 +77,7 @@ impl<A: Accelerator> Kernel for Occluded<'_, A> {
 
 /// All instruction sets, and the one for comparisons.
 fn levels() -> impl Iterator<Item = Level> {
-    Level::available().chain((Level::detect() >= Level::Avx2).then_some(Level::OneLane))
+    Level::available().chain(Level::OneLane.is_available().then_some(Level::OneLane))
 }
 
 /// The ways through a tree, for rays in queues.

@@ -218,7 +218,7 @@ fn ablation(subject: &Subject, effort: Effort) -> Vec<Step> {
         ("megakernel", Variant { engine: EngineKind::Megakernel, ..Variant::default() }),
         ("+ wide tree", Variant { engine: EngineKind::MegakernelWide, ..Variant::default() }),
     ];
-    if wide >= Level::OneLane {
+    if Level::OneLane.is_available() {
         steps.push(("wavefront, one lane", wavefront(Level::OneLane, Policy::Single)));
     }
     steps.extend([
