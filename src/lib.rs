@@ -32,9 +32,12 @@ pub mod meshes;
 pub mod pbrt;
 pub mod picture;
 pub mod progress;
+pub mod render;
 pub mod report;
 pub mod scene;
 pub mod tev;
 
+pub use render::{Picture, Render, RenderError, Update};
+pub use scene::{Scene, SceneError};
 pub use wavepath_engine as engine;
 pub use wavepath_engine::{film, plan};

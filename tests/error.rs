@@ -2,21 +2,14 @@
 
 mod support;
 
-use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, LazyLock};
-
 use support::{Render, Rendered, SAMPLERS, scenes, shipped, sized};
 use wavepath::compare::compare;
-use wavepath::engine::schedule::Stop;
-use wavepath::engine::session::{Ended, Session};
-use wavepath::engine::{Settings, Tree};
-use wavepath::film::{Developed, Film};
+use wavepath::engine::EngineKind;
+use wavepath::engine::session::Ended;
+use wavepath::film::Developed;
 use wavepath::picture::{self, Image};
-use wavepath::plan::Plan;
 use wavepath::report::Report;
-use wavepath::scene::{self, SamplerKind, SceneDescription, SphericalLights};
-use wavepath_kernels::intersect::Policy;
-use wavepath_kernels::isa::Level;
+use wavepath::scene::{SamplerKind, Scene, SceneDescription};
 
 /// A reference of the project's own, and its own error.
 fn reference(name: &str) -> (Image, f64) {
@@ -143,24 +136,15 @@ struct Stopped {
 }
 
 fn to_error(scene: &SceneDescription, error: f64, spp: Option<u32>, threads: usize, seed: u64) -> Stopped {
-    static NEVER: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
-    let built = scene::build(scene, SphericalLights::Cone).unwrap();
-    let plan = Plan::new(&built);
-    let engine = Render::default().engine;
-    let tree = Tree::build(engine, &built);
-    let film = Film::for_render(scene.film.frame(), &built, plan.requirements, None);
-    let settings = Settings {
-        engine,
-        sampler: SamplerKind::Sobol,
-        threads,
-        seed,
-        batch: 4096,
-        level: Level::detect(),
-        policy: Policy::Auto,
-        adaptive: false,
-    };
-    let stop = Stop { spp, time: None, interrupted: NEVER.clone() };
-    let mut session = Session::new(&built, &plan, &tree, &film, &settings, stop).unwrap();
+    let built = Scene::new("test", scene.clone()).unwrap();
+    let tree = built.tree(EngineKind::Wavefront);
+    let mut render = wavepath::Render::new(&built).error(error).threads(threads).seed(seed);
+    if let Some(spp) = spp {
+        render = render.spp(spp);
+    }
+    let render = render.sampler(SamplerKind::Sobol);
+    let film = render.film().unwrap();
+    let mut session = render.session(&tree, &film).unwrap();
     let ended = session.run_to_error(error, None, |_| ());
     let developed = film.develop();
     let [width, height] = scene.film.resolution;

@@ -2,18 +2,11 @@
 //! independent random numbers, made by `scenes/make-references.sh`. And the white furnaces against 1.
 
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use wavepath::compare::{block_relmse, compare};
-use wavepath::engine::schedule::Stop;
-use wavepath::engine::{self, EngineKind, Settings, Tree, wavefront};
-use wavepath::film::Film;
 use wavepath::picture::{self, Image};
-use wavepath::plan::Plan;
-use wavepath::scene::{self, SamplerKind, SphericalLights};
-use wavepath_kernels::intersect::Policy;
-use wavepath_kernels::isa::Level;
+use wavepath::scene::{SamplerKind, SceneOptions};
+use wavepath::{Render, Scene};
 
 /// Side of the images and references, in pixels.
 const SIDE: u32 = 64;
@@ -24,30 +17,15 @@ const BLOCK: u32 = 8;
 /// Renders a shipped scene by the wavefront; no sample may be invalid.
 fn render(name: &str, spp: u32) -> Image {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).with_extension("pbrt");
-    let loaded = wavepath::pbrt::load(&path).unwrap();
-    assert!(loaded.warnings.is_empty(), "{name}: warnings");
-    let mut description = loaded.scene;
-    scene::set_resolution(&mut description, SIDE, SIDE);
-    let scene = scene::build(&description, SphericalLights::Cone).unwrap();
-    let plan = Plan::new(&scene);
-    let film = Film::for_render(description.film.frame(), &scene, plan.requirements, Some(spp));
-    let settings = Settings {
-        engine: EngineKind::Wavefront,
-        sampler: SamplerKind::Sobol,
-        threads: 2,
-        seed: 1,
-        batch: wavefront::DEFAULT_BATCH,
-        level: Level::detect(),
-        policy: Policy::Auto,
-        adaptive: false,
-    };
-    let tree = Tree::build(settings.engine, &scene);
-    let stop = Stop { spp: Some(spp), time: None, interrupted: Arc::new(AtomicBool::new(false)) };
-    engine::render(&scene, &plan, &tree, &film, &settings, stop, |_| ()).unwrap();
-    let developed = film.develop();
-    assert_eq!(developed.invalid, 0, "{name}: invalid samples");
-    assert_eq!(developed.samples, u64::from(spp) * u64::from(SIDE * SIDE), "{name}: samples");
-    Image::new(SIDE, SIDE, developed.pixels)
+    let options = SceneOptions { resolution: Some([SIDE, SIDE]), ..SceneOptions::default() };
+    let scene = Scene::open_with(&path, &options).unwrap();
+    assert!(scene.warnings().is_empty(), "{name}: warnings");
+    let render = Render::new(&scene).spp(spp).threads(2).seed(1).sampler(SamplerKind::Sobol);
+    let picture = render.run().unwrap();
+    let report = picture.report();
+    assert_eq!(report.invalid_samples, 0, "{name}: invalid samples");
+    assert_eq!(report.samples, u64::from(spp) * u64::from(SIDE * SIDE), "{name}: samples");
+    picture.into_image()
 }
 
 /// Standard error of the mean ratio of a channel, from the spread of the pixels' differences: pixels are independent

@@ -1,15 +1,13 @@
 //! A scene with both trees, ready to be rendered by any variant of an engine.
 
 use super::{Clock, Effort};
-use crate::engine::schedule::Stop;
 use crate::engine::stats::Stats;
-use crate::engine::{self, EngineKind, Settings, Tree, wavefront};
+use crate::engine::{EngineKind, Tree, wavefront};
 use crate::film::Film;
-use crate::plan::Plan;
-use crate::scene::{SamplerKind, SceneDescription};
+use crate::render::Render;
+use crate::scene::{SamplerKind, Scene};
 use wavepath_kernels::intersect::{Accelerator, Policy};
 use wavepath_kernels::isa::Level;
-use wavepath_kernels::scene::Scene;
 
 /// Which engine, and how.
 #[derive(Clone, Copy, Debug)]
@@ -72,35 +70,29 @@ impl Measured {
 pub struct Subject<'a> {
     /// Name for tables.
     pub name: String,
-    description: &'a SceneDescription,
     scene: &'a Scene,
-    plan: Plan,
-    everything: Plan,
     wide: Tree<'a>,
     naive: Tree<'a>,
 }
 
 impl<'a> Subject<'a> {
     /// Builds both trees.
-    pub fn new(name: String, description: &'a SceneDescription, scene: &'a Scene) -> Self {
+    pub fn new(name: String, scene: &'a Scene) -> Self {
         Subject {
             name,
-            description,
             scene,
-            plan: Plan::new(scene),
-            everything: Plan::everything(scene),
-            wide: Tree::build(EngineKind::Wavefront, scene),
-            naive: Tree::build(EngineKind::Megakernel, scene),
+            wide: scene.tree(EngineKind::Wavefront),
+            naive: scene.tree(EngineKind::Megakernel),
         }
     }
 
     /// Width and height of the image.
     pub fn resolution(&self) -> [u32; 2] {
-        self.description.film.resolution
+        self.scene.resolution()
     }
     /// Number of primitives.
     pub fn primitives(&self) -> usize {
-        self.scene.geometry.primitives()
+        self.scene.tables().geometry.primitives()
     }
     /// Bytes of the wavefront's tree.
     pub fn tree_bytes(&self) -> usize {
@@ -108,28 +100,27 @@ impl<'a> Subject<'a> {
     }
     /// Bytes of all queues, a path.
     pub fn bytes_per_path(&self) -> usize {
-        self.plan.bytes_per_path
+        self.scene.plan().bytes_per_path
     }
 
     /// Renders `spp` samples of each pixel.
     fn render(&self, variant: &Variant, spp: u32) -> (Measured, Film) {
-        let plan = if variant.everything { &self.everything } else { &self.plan };
         let tree = if variant.engine == EngineKind::Megakernel { &self.naive } else { &self.wide };
-        let film = Film::for_render(self.description.film.frame(), self.scene, plan.requirements, Some(spp));
-        let settings = Settings {
-            engine: variant.engine,
-            sampler: variant.sampler,
-            threads: variant.threads,
-            seed: variant.seed,
-            batch: variant.batch,
-            level: variant.level,
-            policy: variant.policy,
-            adaptive: false,
-        };
-        let stop = Stop { spp: Some(spp), time: None, interrupted: Default::default() };
+        let render = Render::new(self.scene)
+            .everything(variant.everything)
+            .engine(variant.engine)
+            .sampler(variant.sampler)
+            .threads(variant.threads)
+            .seed(variant.seed)
+            .batch(variant.batch)
+            .level(variant.level)
+            .traversal(variant.policy)
+            .spp(spp);
+        let film = render.film().expect("the film fits into memory");
+        let mut session = render.session(tree, &film).expect("threads can be started");
         let clock = Clock::start();
-        let (stats, elapsed) = engine::render(self.scene, plan, tree, &film, &settings, stop, |_| ())
-            .expect("threads can be started");
+        session.run(None, |_| ());
+        let (stats, elapsed) = (session.stats().clone(), session.elapsed());
         let processor = clock.processor();
         let samples = spp as u64 * film.pixels();
         (Measured { samples, wall: elapsed.as_secs_f64(), processor, stats }, film)

@@ -5,7 +5,7 @@ use super::{Failure, output};
 use crate::bench::{self, Effort, Figures, Subject};
 use crate::machine;
 use crate::meshes::{MeshArgs, MeshError};
-use crate::scene::{self, SphericalLights};
+use crate::scene::{self, Scene};
 use clap::{Args, FromArgMatches};
 use std::path::{Path, PathBuf};
 use wavepath_kernels::isa::Level;
@@ -41,9 +41,8 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         let scale = (PIXELS / (width * height)).sqrt().min(1.0);
         let side = |x: f64| ((x * scale).round() as u32).max(1);
         scene::set_resolution(&mut description, side(width), side(height));
-        let scene = scene::build(&description, SphericalLights::Cone)
-            .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))?;
-        let subject = Subject::new(path.display().to_string(), &description, &scene);
+        let scene = Scene::new(path.display().to_string(), description)?;
+        let subject = Subject::new(path.display().to_string(), &scene);
         let said = |what: &str| {
             if !args.json {
                 eprintln!("{}: {what}", path.display());

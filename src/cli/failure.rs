@@ -5,6 +5,8 @@ use std::io;
 
 use crate::compare::SizeMismatch;
 use crate::picture::ImageError;
+use crate::render::RenderError;
+use crate::scene::SceneError;
 
 /// Why a command failed, and with which exit status.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,6 +44,22 @@ impl From<ImageError> for Failure {
             ImageError::UnknownFormat { .. } => Self::Usage(error.to_string()),
             ImageError::Read { .. } => Self::Input(error.to_string()),
             ImageError::Write { .. } => Self::Work(error.to_string()),
+        }
+    }
+}
+
+impl From<SceneError> for Failure {
+    fn from(error: SceneError) -> Self {
+        Self::Input(error.to_string())
+    }
+}
+
+impl From<RenderError> for Failure {
+    fn from(error: RenderError) -> Self {
+        match error {
+            RenderError::Choice { .. } => Self::Usage(error.to_string()),
+            RenderError::Memory { .. } => Self::Input(error.to_string()),
+            RenderError::Threads { .. } => Self::Work(error.to_string()),
         }
     }
 }

@@ -7,13 +7,12 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use wavepath::bench::Clock;
-use wavepath::engine::schedule::Stop;
 use wavepath::engine::stats::Stats;
-use wavepath::engine::{self, Done, EngineKind, Settings, Tree};
-use wavepath::film::{Developed, Film};
-use wavepath::picture::{DataWindow, Image};
-use wavepath::plan::Plan;
-use wavepath::scene::{self, SamplerKind, SceneDescription, SphericalLights};
+use wavepath::engine::{Done, EngineKind};
+use wavepath::film::Developed;
+use wavepath::picture::Image;
+use wavepath::render::image_of;
+use wavepath::scene::{self, SamplerKind, Scene, SceneDescription, SceneOptions, SphericalLights};
 use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::isa::Level;
 
@@ -121,39 +120,45 @@ impl Render {
         self.watched(description, |_, _| ())
     }
 
+    /// The same as the library has it.
+    pub fn render<'s>(&self, scene: &'s Scene) -> wavepath::Render<'s> {
+        let render = wavepath::Render::new(scene)
+            .engine(self.engine)
+            .sampler(self.sampler)
+            .threads(self.threads)
+            .seed(self.seed)
+            .batch(self.batch)
+            .level(self.level)
+            .traversal(self.policy)
+            .adaptive(self.adaptive);
+        let render = match self.spp {
+            Some(spp) => render.spp(spp),
+            None => render,
+        };
+        match self.time {
+            Some(time) => render.time(time),
+            None => render,
+        }
+    }
+
     /// As [`Render::of`]; `watch` is called about ten times a second and may raise the flag that interrupts.
     pub fn watched(
         &self,
         description: &SceneDescription,
         mut watch: impl FnMut(&Done, &AtomicBool),
     ) -> Rendered {
-        let scene = scene::build(description, self.spherical).unwrap();
-        let plan = Plan::new(&scene);
-        let tree = Tree::build(self.engine, &scene);
-        let film = Film::for_render(description.film.frame(), &scene, plan.requirements, self.spp);
-        let settings = Settings {
-            engine: self.engine,
-            sampler: self.sampler,
-            threads: self.threads,
-            seed: self.seed,
-            batch: self.batch,
-            level: self.level,
-            policy: self.policy,
-            adaptive: self.adaptive,
-        };
+        let options = SceneOptions { spherical_lights: self.spherical, ..SceneOptions::default() };
+        let scene = Scene::new_with("test", description.clone(), &options).unwrap();
+        let render = self.render(&scene);
         let interrupted = Arc::new(AtomicBool::new(false));
-        let stop = Stop { spp: self.spp, time: self.time, interrupted: interrupted.clone() };
+        let tree = scene.tree(self.engine);
+        let (film, render) = (render.film().unwrap(), render.stop_on(interrupted.clone()));
+        let mut session = render.session(&tree, &film).unwrap();
         let clock = Clock::start();
-        let (stats, elapsed) = engine::render(&scene, &plan, &tree, &film, &settings, stop, |done| {
-            watch(done, &interrupted);
-        })
-        .unwrap();
-        let processor = clock.processor();
+        session.run(self.time, |done| watch(done, &interrupted));
+        let (stats, elapsed, processor) = (session.stats().clone(), session.elapsed(), clock.processor());
         let developed = film.develop();
-        let [x0, x1, y0, y1] = description.film.pixel_bounds;
-        let [full_width, full_height] = description.film.resolution;
-        let mut image = Image::new(x1 - x0, y1 - y0, developed.pixels.clone());
-        image.window = DataWindow { x: x0 as i32, y: y0 as i32, full_width, full_height };
+        let image = image_of(description, developed.pixels.clone());
         let (seconds, sample_range) = (elapsed.as_secs_f64(), film.sample_range());
         Rendered { image, developed, stats, seconds, processor, pixels: film.pixels(), sample_range }
     }

@@ -62,6 +62,21 @@ pub enum EngineKind {
     MegakernelWide,
 }
 
+impl EngineKind {
+    /// All of them.
+    pub const ALL: [EngineKind; 3] =
+        [EngineKind::Wavefront, EngineKind::Megakernel, EngineKind::MegakernelWide];
+
+    /// Name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            EngineKind::Wavefront => "wavefront",
+            EngineKind::Megakernel => "megakernel",
+            EngineKind::MegakernelWide => "megakernel-wide",
+        }
+    }
+}
+
 /// What is chosen for a render, beside the scene.
 #[derive(Clone, Debug)]
 pub struct Settings {

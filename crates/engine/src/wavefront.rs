@@ -15,7 +15,7 @@ use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::material_sort::{MaterialSort, Sorted, list};
 use wavepath_kernels::queue::{
-    HitQueue, OrderLists, PathQueue, Requirements, SHADOW_RAYS, SLOT_BITS, ShadowQueue, SlotTable,
+    HitQueue, MAX_BATCH, OrderLists, PathQueue, Requirements, SHADOW_RAYS, SLOT_BITS, ShadowQueue, SlotTable,
     unit_and_pixel,
 };
 use wavepath_kernels::roulette_compact::RouletteCompact;
@@ -26,6 +26,9 @@ use wavepath_kernels::shade::{self, Features, Shade};
 
 /// Paths of a pool, if the user does not say otherwise: 2 to 8 thousand were best, as they fit a 1 MiB L2.
 pub const DEFAULT_BATCH: usize = 4096;
+
+/// What a pool may hold: at least some vectors, at most what a slot number can count.
+pub const BATCHES: std::ops::RangeInclusive<usize> = 64..=MAX_BATCH;
 
 /// Camera rays that go through the tree together: the widest packet.
 const PACKET: usize = 16;

@@ -1,0 +1,151 @@
+//! What comes of a render.
+
+use crate::engine::session::{self, Ended};
+use crate::engine::stats::{Stage, Stats};
+use crate::engine::{EngineKind, Settings};
+use crate::film::{ErrorEstimate, Film, PixelStatistics};
+use crate::machine;
+use crate::picture::{self, Channel, DataWindow, Image, ImageError, Samples};
+use crate::report::{Adaptive, Rays, Report};
+use crate::scene::{Scene, SceneDescription};
+use std::path::Path;
+use std::time::Duration;
+
+/// A finished picture, with its error and its cost.
+#[derive(Debug)]
+pub struct Picture {
+    image: Image,
+    error: PictureError,
+    report: Report,
+    film: Film,
+}
+
+/// The estimated error of a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PictureError(Option<ErrorEstimate>);
+
+impl PictureError {
+    /// relMSE against the converged picture, the mean of `(I - R)^2 / (R^2 + 0.01)`; infinite where there are too few
+    /// samples to say.
+    pub fn relmse(&self) -> f64 {
+        self.0.map_or(f64::INFINITY, |estimate| estimate.relmse)
+    }
+    /// Its 95 % interval; from 0 to infinity where there are too few samples to say.
+    pub fn interval(&self) -> [f64; 2] {
+        self.0.map_or([0.0, f64::INFINITY], |estimate| estimate.interval)
+    }
+    /// Whether there are samples enough to say.
+    pub fn is_known(&self) -> bool {
+        self.0.is_some()
+    }
+}
+
+impl Picture {
+    #[allow(clippy::too_many_arguments)]
+    pub(super) fn new(
+        scene: &Scene,
+        settings: &Settings,
+        film: Film,
+        stats: &Stats,
+        elapsed: Duration,
+        setup: Duration,
+        ended: Ended,
+        adaptive: session::Adaptive,
+    ) -> Picture {
+        let developed = film.develop();
+        let [x0, x1, y0, y1] = film.bounds;
+        let [least_spp, most_spp] = film.sample_range();
+        let session::Adaptive { predicted_gain, is_uneven: used } = adaptive;
+        let report = Report {
+            scene: scene.name().to_string(),
+            engine: settings.engine.name().to_string(),
+            width: x1 - x0,
+            height: y1 - y0,
+            spp: developed.samples as f64 / film.pixels() as f64,
+            seconds: elapsed.as_secs_f64(),
+            setup_seconds: setup.as_secs_f64(),
+            samples: developed.samples,
+            rays: Rays { camera: stats.camera_rays, bounce: stats.bounce_rays, shadow: stats.shadow_rays },
+            stages: stages(stats),
+            invalid_samples: developed.invalid,
+            estimated_relmse: developed.relmse,
+            estimated_relmse_interval: developed.relmse_interval,
+            adaptive: settings.adaptive.then_some(Adaptive { used, predicted_gain, least_spp, most_spp }),
+            stopped_by: Some(ended.name().to_string()),
+            peak_memory_bytes: machine::peak_memory_bytes(),
+            threads: settings.threads,
+            batch: (settings.engine == EngineKind::Wavefront).then_some(settings.batch),
+            cpu: machine::cpu_name(),
+            isa: settings.level.name().to_string(),
+            sampler: settings.sampler.name().to_string(),
+            seed: settings.seed,
+            version: env!("CARGO_PKG_VERSION").to_string(),
+        };
+        let estimate = developed.relmse.zip(developed.relmse_interval);
+        let error = PictureError(estimate.map(|(relmse, interval)| ErrorEstimate { relmse, interval }));
+        let mut image = image_of(scene.description(), developed.pixels);
+        image.metadata.report = Some(report.to_json());
+        Picture { image, error, report, film }
+    }
+
+    /// The pixels, in linear light, and their place in the frame.
+    pub fn image(&self) -> &Image {
+        &self.image
+    }
+    /// Its estimated error.
+    pub fn error(&self) -> PictureError {
+        self.error
+    }
+    /// What it cost, and all that was chosen.
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+    /// The sums that it was developed from.
+    pub fn film(&self) -> &Film {
+        &self.film
+    }
+
+    /// Each pixel's standard error and samples, as channels for [`Image::channels`].
+    pub fn layers(&self) -> Vec<Channel> {
+        layers(&self.film.statistics())
+    }
+
+    /// Writes it, with its report: OpenEXR (`.exr`) in linear light, or PNG (`.png`) in sRGB.
+    ///
+    /// # Errors
+    /// [`ImageError`], which names the file.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), ImageError> {
+        picture::write(path.as_ref(), &self.image, 0.0)
+    }
+
+    /// The pixels alone, with their place in the frame.
+    pub fn into_image(self) -> Image {
+        self.image
+    }
+}
+
+/// The pixels as a picture, with its place in the frame.
+pub fn image_of(description: &SceneDescription, pixels: Vec<[f32; 3]>) -> Image {
+    let [x0, x1, y0, y1] = description.film.pixel_bounds;
+    let [full_width, full_height] = description.film.resolution;
+    let mut image = Image::new(x1 - x0, y1 - y0, pixels);
+    image.window = DataWindow { x: x0 as i32, y: y0 as i32, full_width, full_height };
+    image
+}
+
+/// Seconds in each stage that took any.
+pub fn stages(stats: &Stats) -> Vec<(String, f64)> {
+    let seconds = |stage: Stage| (stage.name().to_string(), stats.stages[stage as usize].as_secs_f64());
+    Stage::ALL.into_iter().map(seconds).filter(|(_, seconds)| *seconds > 0.0).collect()
+}
+
+/// Standard error and samples of each pixel, as channels of an EXR.
+fn layers(statistics: &PixelStatistics) -> Vec<Channel> {
+    let colours = ["stderr.R", "stderr.G", "stderr.B"].into_iter().enumerate();
+    let colours = colours.map(|(index, name)| Channel {
+        name: name.into(),
+        samples: Samples::Float(statistics.variance.iter().map(|colour| colour[index].sqrt()).collect()),
+    });
+    let samples = Channel { name: "samples".into(), samples: Samples::Uint(statistics.samples.clone()) };
+    colours.chain([samples]).collect()
+}

@@ -1,0 +1,324 @@
+//! Renders a scene: what to choose, and one call.
+//!
+//! ```
+//! let scene = wavepath::Scene::parse(
+//!     r#"Camera "perspective" "float fov" 40
+//!        Film "rgb" "integer xresolution" 8 "integer yresolution" 8
+//!        WorldBegin
+//!        LightSource "infinite" "rgb L" [ 0.5 0.5 0.5 ]"#,
+//! )?;
+//! let picture = wavepath::Render::new(&scene).spp(16).seed(1).run()?;
+//! assert_eq!(picture.image().pixel(0, 0), [0.5; 3]);
+//! assert_eq!(picture.error().relmse(), 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod finished;
+
+pub use finished::{Picture, PictureError, image_of, stages};
+
+use crate::engine::schedule::Stop;
+use crate::engine::session::{MOST_SPP, Session};
+use crate::engine::{Done, EngineKind, SamplerKind, Settings, Tree, wavefront};
+use crate::film::Film;
+use crate::film::live_error::LiveError;
+use crate::memory;
+use crate::plan::Plan;
+use crate::scene::Scene;
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use wavepath_kernels::intersect::Policy;
+use wavepath_kernels::isa::Level;
+
+/// Why a render did not begin.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RenderError {
+    /// A choice that cannot be.
+    #[error("{what} is {found}: expected {expected}")]
+    Choice {
+        /// What was chosen.
+        what: &'static str,
+        /// As what.
+        found: String,
+        /// What it may be.
+        expected: String,
+    },
+    /// The film does not fit into the memory that is free.
+    #[error(
+        "an image of {} x {} pixels needs {}; {} of memory are free for it",
+        resolution[0], resolution[1], memory::in_gib(*needed), memory::in_gib(*free)
+    )]
+    Memory {
+        /// Width and height.
+        resolution: [u32; 2],
+        /// Bytes.
+        needed: u64,
+        /// Bytes.
+        free: u64,
+    },
+    /// The system does not give the threads.
+    #[error("cannot start {threads} threads: {reason}")]
+    Threads {
+        /// How many.
+        threads: usize,
+        /// What the system said.
+        reason: String,
+    },
+}
+
+/// How far a render is.
+#[derive(Clone, Copy, Debug)]
+pub struct Update {
+    /// Pixel samples so far.
+    pub samples: u64,
+    /// Rays so far.
+    pub rays: u64,
+    /// Pixel samples in all, if they are known.
+    pub total_samples: Option<u64>,
+    /// Since the first sample.
+    pub elapsed: Duration,
+    /// Estimated relMSE so far, if it is known.
+    pub error: Option<f64>,
+}
+
+/// Called about ten times a second with an [`Update`]; may end the render.
+type Watch<'s> = Box<dyn FnMut(&Update) -> ControlFlow<()> + 's>;
+
+/// A render: the scene, and what is chosen.
+///
+/// Without [`Render::spp`], [`Render::time`] and [`Render::error`] the scene's samples a pixel are the end; with several
+/// of them, whichever is first.
+pub struct Render<'s> {
+    scene: &'s Scene,
+    settings: Settings,
+    spp: Option<u32>,
+    time: Option<Duration>,
+    error: Option<f64>,
+    everything: Option<Plan>,
+    stop: Arc<AtomicBool>,
+    watch: Option<Watch<'s>>,
+}
+
+impl<'s> Render<'s> {
+    /// With the scene's samples, its random numbers, and everything else as is fastest.
+    pub fn new(scene: &'s Scene) -> Self {
+        let sampler = scene.description().sampler;
+        let settings = Settings {
+            engine: EngineKind::Wavefront,
+            sampler: sampler.kind,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            seed: sampler.seed,
+            batch: wavefront::DEFAULT_BATCH,
+            level: Level::detect(),
+            policy: Policy::Auto,
+            adaptive: false,
+        };
+        let stop = Arc::default();
+        Render { scene, settings, spp: None, time: None, error: None, everything: None, stop, watch: None }
+    }
+
+    /// Samples a pixel, at least 1; their mean over the pixels if samples are adaptive.
+    pub fn spp(mut self, spp: u32) -> Self {
+        self.spp = Some(spp);
+        self
+    }
+    /// Time to render for. The first sample of each pixel is always taken.
+    pub fn time(mut self, time: Duration) -> Self {
+        self.time = Some(time);
+        self
+    }
+    /// Estimated relMSE to render to, above 0.
+    pub fn error(mut self, relmse: f64) -> Self {
+        self.error = Some(relmse);
+        self
+    }
+    /// Seed of the random numbers. The same seed gives the same bits, whatever else is chosen but the sampler.
+    pub fn seed(mut self, seed: u64) -> Self {
+        self.settings.seed = seed;
+        self
+    }
+    /// Random numbers.
+    pub fn sampler(mut self, sampler: SamplerKind) -> Self {
+        self.settings.sampler = sampler;
+        self
+    }
+    /// How paths are executed.
+    pub fn engine(mut self, engine: EngineKind) -> Self {
+        self.settings.engine = engine;
+        self
+    }
+    /// Worker threads, at least 1.
+    pub fn threads(mut self, threads: usize) -> Self {
+        self.settings.threads = threads;
+        self
+    }
+    /// Paths in the pool of each worker: see [`wavefront::BATCHES`].
+    pub fn batch(mut self, batch: usize) -> Self {
+        self.settings.batch = batch;
+        self
+    }
+    /// Instruction set: one that this machine has.
+    pub fn level(mut self, level: Level) -> Self {
+        self.settings.level = level;
+        self
+    }
+    /// How rays go through the tree.
+    pub fn traversal(mut self, policy: Policy) -> Self {
+        self.settings.policy = policy;
+        self
+    }
+    /// More samples where the error is, if that pays.
+    pub fn adaptive(mut self, adaptive: bool) -> Self {
+        self.settings.adaptive = adaptive;
+        self
+    }
+    /// Everything switched on, whether or not the scene needs it: what leaving out brings is the difference.
+    pub fn everything(mut self, everything: bool) -> Self {
+        self.everything = everything.then(|| Plan::everything(self.scene.tables()));
+        self
+    }
+    /// A flag that ends the render early once it is set; what is done by then is the picture.
+    pub fn stop_on(mut self, flag: Arc<AtomicBool>) -> Self {
+        self.stop = flag;
+        self
+    }
+    /// Calls `watch` about ten times a second; [`ControlFlow::Break`] ends the render early, and what is done by then is
+    /// the picture.
+    pub fn on_update(mut self, watch: impl FnMut(&Update) -> ControlFlow<()> + 's) -> Self {
+        self.watch = Some(Box::new(watch));
+        self
+    }
+
+    /// What is chosen.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+    /// The scene.
+    pub fn scene(&self) -> &'s Scene {
+        self.scene
+    }
+    /// What it needs: the scene's plan, or everything.
+    pub fn plan(&self) -> &Plan {
+        self.everything.as_ref().unwrap_or_else(|| self.scene.plan())
+    }
+    /// Samples a pixel at which it ends, if samples end it.
+    pub fn last_sample(&self) -> Option<u32> {
+        // A time limit or an error alone is the end; otherwise the scene's samples are.
+        let open = self.time.is_some() || self.error.is_some();
+        self.spp.or((!open).then_some(self.scene.description().sampler.pixel_samples))
+    }
+
+    /// Checks the choices.
+    ///
+    /// # Errors
+    /// [`RenderError::Choice`].
+    pub fn check(&self) -> Result<(), RenderError> {
+        let Settings { threads, batch, level, .. } = self.settings;
+        let wrong = |what, found: String, expected: &str| {
+            Err(RenderError::Choice { what, found, expected: expected.into() })
+        };
+        if self.spp == Some(0) {
+            return wrong("the number of samples a pixel", "0".into(), "1 or more");
+        }
+        if threads == 0 {
+            return wrong("the number of threads", "0".into(), "1 or more");
+        }
+        if !wavefront::BATCHES.contains(&batch) {
+            let (least, most) = wavefront::BATCHES.into_inner();
+            return wrong("the number of paths in a pool", batch.to_string(), &format!("{least} to {most}"));
+        }
+        if let Some(error) = self.error
+            && !(error > 0.0)
+        {
+            return wrong("the error to render to", error.to_string(), "a number above 0");
+        }
+        if !level.is_available() {
+            return wrong("the instruction set", level.name().into(), "one that this machine has");
+        }
+        Ok(())
+    }
+
+    /// An empty film for the render.
+    ///
+    /// # Errors
+    /// [`RenderError::Memory`] if it does not fit.
+    pub fn film(&self) -> Result<Film, RenderError> {
+        let (description, plan) = (self.scene.description(), self.plan());
+        // What must know its error from the first samples on has all replicates, whatever the limit.
+        let spp = self.last_sample().filter(|_| self.error.is_none());
+        let frame = description.film.frame();
+        let (needed, free) = (Film::bytes_for_render(frame, plan.requirements, spp), memory::limit());
+        if needed > free {
+            return Err(RenderError::Memory { resolution: description.film.resolution, needed, free });
+        }
+        Ok(Film::for_render(frame, self.scene.tables(), plan.requirements, spp))
+    }
+
+    /// A session that fills `film`, to be paused and gone on with: [`Render::run`] does that for you.
+    ///
+    /// # Errors
+    /// [`RenderError::Choice`], and [`RenderError::Threads`] if the threads cannot be started.
+    pub fn session<'a>(&'a self, tree: &'a Tree<'a>, film: &'a Film) -> Result<Session<'a>, RenderError> {
+        self.check()?;
+        let stop = Stop { spp: self.last_sample(), time: self.time, interrupted: self.stop.clone() };
+        let (tables, plan) = (self.scene.tables(), self.plan());
+        Session::new(tables, plan, tree, film, &self.settings, stop).map_err(|error| RenderError::Threads {
+            threads: self.settings.threads,
+            reason: error.to_string(),
+        })
+    }
+
+    /// Renders.
+    ///
+    /// # Errors
+    /// [`RenderError`] if it could not begin.
+    pub fn run(self) -> Result<Picture, RenderError> {
+        self.check()?;
+        let started = Instant::now();
+        let tree = self.scene.tree(self.settings.engine);
+        self.run_in(&tree, started.elapsed())
+    }
+
+    /// As [`Render::run`], through a tree that was built in `building` by [`Scene::tree`] for the same engine.
+    ///
+    /// # Errors
+    /// As [`Render::run`].
+    pub fn run_in(mut self, tree: &Tree, building: Duration) -> Result<Picture, RenderError> {
+        let film = self.film()?;
+        let mut watch = self.watch.take();
+        let total_samples = self.last_sample().map(|spp| u64::from(spp) * film.pixels());
+        let (ended, stats, elapsed, adaptive) = {
+            let mut live = LiveError::new(&film, self.settings.threads);
+            let (stop, started) = (self.stop.clone(), Instant::now());
+            let on_done = |done: &Done| {
+                let Some(watch) = &mut watch else { return };
+                let update = Update {
+                    samples: done.samples.load(Ordering::Relaxed),
+                    rays: done.rays.load(Ordering::Relaxed),
+                    total_samples,
+                    elapsed: started.elapsed(),
+                    error: live.update(),
+                };
+                if watch(&update).is_break() {
+                    stop.store(true, Ordering::Relaxed);
+                }
+            };
+            let mut session = self.session(tree, &film)?;
+            let ended = match self.error {
+                Some(error) => session.run_to_error(error, self.time, on_done),
+                None => session.run(self.time, on_done),
+            };
+            (ended, session.stats().clone(), session.elapsed(), session.adaptive())
+        };
+        let setup = self.scene.setup() + building;
+        Ok(Picture::new(self.scene, &self.settings, film, &stats, elapsed, setup, ended, adaptive))
+    }
+
+    /// Samples a pixel at which a render to an error ends if it does not reach it.
+    pub fn most_spp(&self) -> u32 {
+        self.last_sample().unwrap_or(MOST_SPP)
+    }
+}
