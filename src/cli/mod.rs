@@ -11,6 +11,7 @@ mod bench;
 mod compare;
 mod converge;
 mod failure;
+mod open;
 pub mod output;
 mod parse;
 mod plan;

@@ -13,13 +13,14 @@
 //! | [`html`] | one page with all of it and a viewer for the images, which opens without a network |
 //! | [`files`] | the folder with all of these and `converge.json` |
 //!
-//! [`statistics`], [`curve`] and [`bias`] hold the methods, [`replicates`] makes a reference where there is none,
+//! [`experiment`] renders and measures. [`statistics`], [`curve`] and [`bias`] hold the methods, [`replicates`] makes a reference where there is none,
 //! [`external`] reads pictures of other programs from the command line.
 
 pub mod bias;
 pub mod csv;
 pub mod curve;
 mod escape;
+pub mod experiment;
 pub mod external;
 mod figures;
 pub mod files;

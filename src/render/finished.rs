@@ -17,6 +17,7 @@ pub struct Picture {
     image: Image,
     error: PictureError,
     report: Report,
+    ended: Ended,
     film: Film,
 }
 
@@ -85,7 +86,7 @@ impl Picture {
         let error = PictureError(estimate.map(|(relmse, interval)| ErrorEstimate { relmse, interval }));
         let mut image = image_of(scene.description(), developed.pixels);
         image.metadata.report = Some(report.to_json());
-        Picture { image, error, report, film }
+        Picture { image, error, report, ended, film }
     }
 
     /// The pixels, in linear light, and their place in the frame.
@@ -99,6 +100,10 @@ impl Picture {
     /// What it cost, and all that was chosen.
     pub fn report(&self) -> &Report {
         &self.report
+    }
+    /// What ended the render.
+    pub fn ended(&self) -> Ended {
+        self.ended
     }
     /// The sums that it was developed from.
     pub fn film(&self) -> &Film {
