@@ -12,7 +12,7 @@
 //! | [`mod@bench`] | measures engines against each other |
 //! | [`tev`] | shows a render in a viewer while it goes on |
 //! | [`meshes`] | makes meshes by procedure |
-//! | [`cli`] | the command |
+//! | `cli` | the command, behind the feature of that name |
 //!
 //! The engines, their film and their plan are the crate `wavepath-engine`; queues, kernels and physics are the crate
 //! `wavepath-kernels`.
@@ -20,17 +20,20 @@
 
 pub mod atomic_file;
 pub mod bench;
+#[cfg(feature = "cli")]
 pub mod cli;
 mod colour_map;
 pub mod compare;
 mod contain_panics;
 pub mod converge;
+#[cfg(feature = "cli")]
 pub mod interrupt;
 pub mod machine;
 mod memory;
 pub mod meshes;
 pub mod pbrt;
 pub mod picture;
+#[cfg(feature = "cli")]
 pub mod progress;
 pub mod render;
 pub mod report;

@@ -9,16 +9,17 @@ use glam::DVec3;
 use std::f64::consts::FRAC_PI_4;
 
 /// A box centred at the origin whose edges may be rounded.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct Block {
     /// Length along x, y and z
-    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], default_values_t = Self::default().size)]
+    #[cfg_attr(feature = "cli", arg(long, num_args = 3, value_names = ["X", "Y", "Z"], default_values_t = Self::default().size))]
     pub size: Vec<f64>,
     /// Radius of the rounded edges, 0 for sharp ones
-    #[arg(long, default_value_t = Self::default().rounding)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().rounding))]
     pub rounding: f64,
     /// Segments of each half of a rounded edge
-    #[arg(long, default_value_t = Self::default().segments)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().segments))]
     pub segments: u32,
 }
 
@@ -31,7 +32,7 @@ impl Default for Block {
 impl Block {
     /// Makes the mesh: 12 triangles if sharp, `12 * (2 * segments + 1)^2` if rounded; Euler characteristic 2.
     pub fn build(&self) -> Result<Mesh, MeshError> {
-        let half = 0.5 * super::command::three("size", &self.size, 1e-6, 1e6)?;
+        let half = 0.5 * super::error::three("size", &self.size, 1e-6, 1e6)?;
         check_range("rounding", self.rounding, 0.0, 1e6)?;
         let r = self.rounding;
         if r > 0.499 * 2.0 * half.min_element() {

@@ -71,15 +71,7 @@ pub fn run(args: &MeshArgs) -> Result<String, MeshError> {
     Ok(format!("{}: {vertices} vertices, {triangles} triangles", path.display()))
 }
 
-/// Three numbers of one option, each in `[min, max]`.
-pub(super) fn three(option: &'static str, values: &[f64], min: f64, max: f64) -> Result<DVec3, MeshError> {
-    match *values {
-        [x, y, z] if [x, y, z].iter().all(|v| (min..=max).contains(v)) => Ok(DVec3::new(x, y, z)),
-        _ => Err(bad(option, format!("{values:?}"), format!("three numbers from {min} to {max}"))),
-    }
-}
-
-#[cfg(test)]
+#[cfg(all(test, feature = "cli"))]
 mod tests {
     use super::*;
     use clap::Parser;

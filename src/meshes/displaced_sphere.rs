@@ -10,31 +10,32 @@ use glam::DVec3;
 use std::f64::consts::TAU;
 
 /// A sphere whose surface is moved along its normals by fractal noise and craters.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct DisplacedSphere {
     /// Parts into which the edges of an icosahedron are cut; the mesh has 20 times its square triangles
-    #[arg(long, default_value_t = Self::default().frequency)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().frequency))]
     pub frequency: u32,
     /// Radius before displacement
-    #[arg(long, default_value_t = Self::default().radius)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().radius))]
     pub radius: f64,
     /// Height of the noise as a part of the radius
-    #[arg(long, default_value_t = Self::default().relief)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().relief))]
     pub relief: f64,
     /// Features across the radius
-    #[arg(long, default_value_t = Self::default().scale)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().scale))]
     pub scale: f64,
     /// Octaves of noise
-    #[arg(long, default_value_t = Self::default().octaves)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().octaves))]
     pub octaves: u32,
     /// Sharp ridges in place of soft hills
-    #[arg(long)]
+    #[cfg_attr(feature = "cli", arg(long))]
     pub ridged: bool,
     /// Number of craters
-    #[arg(long, default_value_t = Self::default().craters)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().craters))]
     pub craters: u32,
     /// Seed of noise and craters
-    #[arg(long, default_value_t = Self::default().seed)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().seed))]
     pub seed: u32,
 }
 

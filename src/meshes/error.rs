@@ -1,6 +1,7 @@
 //! What can be wrong with a request for a mesh, and the checks that find it.
 
 use super::MAX_TRIANGLES;
+use glam::DVec3;
 use std::path::PathBuf;
 
 /// Why a mesh was not made or not written.
@@ -64,6 +65,14 @@ pub(super) fn check_triangles(option: &'static str, value: u32, triangles: u128)
         format!("{value}, which makes {triangles} triangles"),
         format!("at most {MAX_TRIANGLES} triangles"),
     ))
+}
+
+/// Three numbers of one option, each in `[min, max]`.
+pub(super) fn three(option: &'static str, values: &[f64], min: f64, max: f64) -> Result<DVec3, MeshError> {
+    match *values {
+        [x, y, z] if [x, y, z].iter().all(|v| (min..=max).contains(v)) => Ok(DVec3::new(x, y, z)),
+        _ => Err(bad(option, format!("{values:?}"), format!("three numbers from {min} to {max}"))),
+    }
 }
 
 #[cfg(test)]

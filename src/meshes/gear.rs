@@ -11,28 +11,29 @@ use std::f64::consts::{PI, TAU};
 const PRESSURE_ANGLE: f64 = 20.0 / 180.0 * PI;
 
 /// A spur gear around the y axis, centred at the origin, with a bore, bevelled edges and a web thinner than the rim.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct Gear {
     /// Number of teeth
-    #[arg(long, default_value_t = Self::default().teeth)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().teeth))]
     pub teeth: u32,
     /// Radius of the pitch circle; the teeth reach 2 / teeth of it further out
-    #[arg(long, default_value_t = Self::default().radius)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().radius))]
     pub radius: f64,
     /// Thickness of rim and hub
-    #[arg(long, default_value_t = Self::default().thickness)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().thickness))]
     pub thickness: f64,
     /// Radius of the bore
-    #[arg(long, default_value_t = Self::default().bore)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().bore))]
     pub bore: f64,
     /// Thickness of the web between rim and hub, as a part of the whole thickness
-    #[arg(long, default_value_t = Self::default().web)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().web))]
     pub web: f64,
     /// Width of the bevel, as a part of a tooth's height
-    #[arg(long, default_value_t = Self::default().bevel)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().bevel))]
     pub bevel: f64,
     /// Segments of a flank
-    #[arg(long, default_value_t = Self::default().segments)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().segments))]
     pub segments: u32,
 }
 

@@ -10,20 +10,21 @@ use glam::{DVec3, DVec4};
 ///
 /// Where an estimate of the distance to the set equals `shell` (Hart, Sandin & Kauffman 1989). Sampled on a cubic
 /// lattice, each cube cut into six tetrahedra along its diagonal (Kuhn), which always gives a closed surface.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct Julia {
     /// The constant c: real part, i, j, k
-    #[arg(long, num_args = 4, value_names = ["R", "I", "J", "K"], allow_negative_numbers = true,
-          default_values_t = Self::default().c)]
+    #[cfg_attr(feature = "cli", arg(long, num_args = 4, value_names = ["R", "I", "J", "K"], allow_negative_numbers = true,
+          default_values_t = Self::default().c))]
     pub c: Vec<f64>,
     /// Cells along each side of the lattice
-    #[arg(long, default_value_t = Self::default().cells)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().cells))]
     pub cells: u32,
     /// Distance of the surface from the set
-    #[arg(long, default_value_t = Self::default().shell)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().shell))]
     pub shell: f64,
     /// Iterations after which a point counts as inside
-    #[arg(long, default_value_t = Self::default().iterations)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().iterations))]
     pub iterations: u32,
 }
 

@@ -7,7 +7,8 @@ use glam::{DVec2, DVec3};
 use std::f64::consts::TAU;
 
 /// What the lathe turns. All are about 1 high and stand on y = 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum LatheProfile {
     /// A wine glass with a wall: one closed body of glass, hollow above
     WineGlass,
@@ -97,19 +98,20 @@ impl LatheProfile {
 }
 
 /// A body of revolution around the y axis.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct Lathe {
     /// What to turn
-    #[arg(long, value_enum, default_value_t = Self::default().profile)]
+    #[cfg_attr(feature = "cli", arg(long, value_enum, default_value_t = Self::default().profile))]
     pub profile: LatheProfile,
     /// Height; everything scales with it
-    #[arg(long, default_value_t = Self::default().height)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().height))]
     pub height: f64,
     /// Sides around the axis
-    #[arg(long, default_value_t = Self::default().sides)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().sides))]
     pub sides: u32,
     /// Steps between two points of the profile
-    #[arg(long, default_value_t = Self::default().steps)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().steps))]
     pub steps: u32,
 }
 
@@ -223,7 +225,7 @@ enum Ring {
     Circle(u32),
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "cli"))]
 mod tests {
     use super::super::topology::assert_closed;
     use super::*;

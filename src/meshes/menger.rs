@@ -6,13 +6,14 @@ use crate::scene::Mesh;
 use glam::DVec3;
 
 /// A Menger sponge, centred at the origin: its surface only, as squares of the finest cubes' size.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct Menger {
     /// Times that the cube is cut into 27 and hollowed out; 0 is the cube
-    #[arg(long, default_value_t = Self::default().levels)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().levels))]
     pub levels: u32,
     /// Length of an edge
-    #[arg(long, default_value_t = Self::default().size)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().size))]
     pub size: f64,
 }
 

@@ -21,6 +21,7 @@
 //! ```
 
 mod block;
+#[cfg(feature = "cli")]
 mod command;
 mod displaced_sphere;
 mod error;
@@ -40,6 +41,7 @@ mod topology;
 mod torus_knot;
 
 pub use block::Block;
+#[cfg(feature = "cli")]
 pub use command::{MeshArgs, MeshKind, generate, run};
 pub use displaced_sphere::DisplacedSphere;
 pub use error::MeshError;

@@ -11,16 +11,17 @@ use std::f64::consts::{FRAC_PI_3, FRAC_PI_6, PI};
 ///
 /// After Haines' sphere flake (Standard Procedural Databases, 1987): six children around the equator, three above.
 /// Each sphere is a closed surface of its own; neighbours touch in a point.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct SphereFlake {
     /// Generations of children
-    #[arg(long, default_value_t = Self::default().levels)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().levels))]
     pub levels: u32,
     /// Radius of the central sphere
-    #[arg(long, default_value_t = Self::default().radius)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().radius))]
     pub radius: f64,
     /// Parts into which the edges of the central icosahedron are cut; smaller spheres are coarser
-    #[arg(long, default_value_t = Self::default().frequency)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().frequency))]
     pub frequency: u32,
 }
 

@@ -9,19 +9,20 @@ use glam::DVec3;
 /// The superellipsoid `(|x|^(2/e) + |z|^(2/e))^(e/n) + |y|^(2/n) = 1` (Barr 1981), scaled.
 ///
 /// Exponents near 0 are boxy, 1 is round, 2 is a double cone (`n`) or square (`e`) with flat sides.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct Superellipsoid {
     /// Exponent n, from pole to pole
-    #[arg(long, default_value_t = Self::default().north)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().north))]
     pub north: f64,
     /// Exponent e, around the y axis
-    #[arg(long, default_value_t = Self::default().east)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().east))]
     pub east: f64,
     /// Half the size along x, y and z
-    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], default_values_t = Self::default().radii)]
+    #[cfg_attr(feature = "cli", arg(long, num_args = 3, value_names = ["X", "Y", "Z"], default_values_t = Self::default().radii))]
     pub radii: Vec<f64>,
     /// Cells along the edges of the cube that is bent; the mesh has 12 times its square triangles
-    #[arg(long, default_value_t = Self::default().cells)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().cells))]
     pub cells: u32,
 }
 
@@ -36,7 +37,7 @@ impl Superellipsoid {
     pub fn build(&self) -> Result<Mesh, MeshError> {
         check_range("north", self.north, 0.1, 2.0)?;
         check_range("east", self.east, 0.1, 2.0)?;
-        let radii = super::command::three("radii", &self.radii, 1e-6, 1e6)?;
+        let radii = super::error::three("radii", &self.radii, 1e-6, 1e6)?;
         check_count("cells", self.cells, 1, 1 << 20)?;
         check_triangles("cells", self.cells, lattice_triangles(self.cells))?;
 

@@ -10,31 +10,32 @@ use glam::{DVec2, DVec3};
 /// A heightfield of ridged multifractal noise over a square in the xz plane, centred at the origin, y up.
 ///
 /// The only mesh here with a border. Heights run from 0 to about `relief`.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct Terrain {
     /// Cells along each side; the mesh has twice its square triangles
-    #[arg(long, default_value_t = Self::default().cells)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().cells))]
     pub cells: u32,
     /// Length of a side
-    #[arg(long, default_value_t = Self::default().size)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().size))]
     pub size: f64,
     /// Height of the mountains
-    #[arg(long, default_value_t = Self::default().relief)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().relief))]
     pub relief: f64,
     /// Mountain ranges along a side
-    #[arg(long, default_value_t = Self::default().scale)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().scale))]
     pub scale: f64,
     /// Depth of a basin in the middle, as a part of the height there: room for a lake
-    #[arg(long, default_value_t = Self::default().basin)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().basin))]
     pub basin: f64,
     /// Octaves of noise
-    #[arg(long, default_value_t = Self::default().octaves)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().octaves))]
     pub octaves: u32,
     /// Seed of the noise
-    #[arg(long, default_value_t = Self::default().seed)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().seed))]
     pub seed: u32,
     /// Adds texture coordinates: (0, 0) at the corner of lowest x and z, (1, 1) at the opposite one
-    #[arg(long)]
+    #[cfg_attr(feature = "cli", arg(long))]
     pub uv: bool,
 }
 

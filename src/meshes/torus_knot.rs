@@ -10,28 +10,29 @@ use std::f64::consts::TAU;
 ///
 /// The curve, for t in [0, 2 pi): `((R + r cos qt) cos pt, r sin qt, (R + r cos qt) sin pt)`. Where the tube is
 /// thicker than the knot has room for, it runs through itself: still closed, but no solid to make of glass.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
 pub struct TorusKnot {
     /// Times that the curve runs round the y axis
-    #[arg(long, default_value_t = Self::default().p)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().p))]
     pub p: u32,
     /// Times that it runs round the ring; no common divisor with p
-    #[arg(long, default_value_t = Self::default().q)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().q))]
     pub q: u32,
     /// Radius R of the ring
-    #[arg(long, default_value_t = Self::default().radius)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().radius))]
     pub radius: f64,
     /// Distance r of the curve from the ring
-    #[arg(long, default_value_t = Self::default().distance)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().distance))]
     pub distance: f64,
     /// Radius of the tube
-    #[arg(long, default_value_t = Self::default().tube)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().tube))]
     pub tube: f64,
     /// Segments along the curve
-    #[arg(long, default_value_t = Self::default().segments)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().segments))]
     pub segments: u32,
     /// Sides around the tube
-    #[arg(long, default_value_t = Self::default().sides)]
+    #[cfg_attr(feature = "cli", arg(long, default_value_t = Self::default().sides))]
     pub sides: u32,
 }
 
