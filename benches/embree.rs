@@ -54,8 +54,13 @@ mod rtc {
         pub instance: u32,
     }
 
-    /// `RTCRay` (N = 1), `RTCRay8`, `RTCRay16`; their alignment is 16, 32 and 64 bytes.
+    /// As Embree wants its packets: 16, 32 or 64 bytes by their size.
     #[repr(C, align(64))]
+    #[derive(Clone, Copy)]
+    pub struct Aligned<T>(pub T);
+
+    /// `RTCRay` (N = 1), `RTCRay8`, `RTCRay16`, to be [`Aligned`].
+    #[repr(C)]
     #[derive(Clone, Copy)]
     pub struct Rays<const N: usize> {
         pub origin: [[f32; N]; 3],
@@ -68,18 +73,11 @@ mod rtc {
         pub flags: [u32; N],
     }
 
-    /// `RTCHit` and its packets follow the rays without a gap, so the rays must not be padded here.
-    #[repr(C, align(64))]
+    /// `RTCRayHit` and its packets: the hits follow the rays without a gap. To be [`Aligned`].
+    #[repr(C)]
     #[derive(Clone, Copy)]
     pub struct RayHits<const N: usize> {
-        pub origin: [[f32; N]; 3],
-        pub near: [f32; N],
-        pub direction: [[f32; N]; 3],
-        pub time: [f32; N],
-        pub far: [f32; N],
-        pub mask: [u32; N],
-        pub id: [u32; N],
-        pub flags: [u32; N],
+        pub rays: Rays<N>,
         pub normal: [[f32; N]; 3],
         pub u: [f32; N],
         pub v: [f32; N],
@@ -234,25 +232,23 @@ impl Embree {
     ) {
         let mut context = context(coherent);
         for at in (0..rays.len).step_by(N) {
-            let mut packet = rtc::RayHits::<N> {
-                origin: [&rays.origin_x, &rays.origin_y, &rays.origin_z].map(|column| part(column, at)),
-                near: [0.0; N],
-                direction: [&rays.direction_x, &rays.direction_y, &rays.direction_z]
-                    .map(|column| part(column, at)),
-                time: [0.0; N],
-                far: [f32::INFINITY; N],
-                mask: [u32::MAX; N],
-                id: [0; N],
-                flags: [0; N],
+            let mut packet = rtc::Aligned(rtc::RayHits::<N> {
+                rays: rays_at(
+                    [&rays.origin_x, &rays.origin_y, &rays.origin_z],
+                    [&rays.direction_x, &rays.direction_y, &rays.direction_z],
+                    [f32::INFINITY; N],
+                    at,
+                ),
                 normal: [[0.0; N]; 3],
                 u: [0.0; N],
                 v: [0.0; N],
                 primitive: [rtc::INVALID; N],
                 geometry: [rtc::INVALID; N],
                 instance: [rtc::INVALID; N],
-            };
-            intersect(rtc::ALL_VALID.0.as_ptr(), self.scene, &mut context, &mut packet);
-            hits.t[at..at + N].copy_from_slice(&packet.far);
+            });
+            let rtc::Aligned(packet) = &mut packet;
+            intersect(rtc::ALL_VALID.0.as_ptr(), self.scene, &mut context, packet);
+            hits.t[at..at + N].copy_from_slice(&packet.rays.far);
             hits.primitive[at..at + N].copy_from_slice(&packet.primitive);
             if !hits.u.is_empty() {
                 hits.u[at..at + N].copy_from_slice(&packet.u);
@@ -293,18 +289,14 @@ impl Embree {
     ) {
         let mut context = context(coherent);
         for at in (0..rays.len).step_by(N) {
-            let mut packet = rtc::Rays::<N> {
-                origin: [&rays.origin_x, &rays.origin_y, &rays.origin_z].map(|column| part(column, at)),
-                near: [0.0; N],
-                direction: [&rays.direction_x, &rays.direction_y, &rays.direction_z]
-                    .map(|column| part(column, at)),
-                time: [0.0; N],
-                far: part(&rays.distance, at),
-                mask: [u32::MAX; N],
-                id: [0; N],
-                flags: [0; N],
-            };
-            occluded(rtc::ALL_VALID.0.as_ptr(), self.scene, &mut context, &mut packet);
+            let mut packet = rtc::Aligned(rays_at::<N>(
+                [&rays.origin_x, &rays.origin_y, &rays.origin_z],
+                [&rays.direction_x, &rays.direction_y, &rays.direction_z],
+                part(&rays.distance, at),
+                at,
+            ));
+            let rtc::Aligned(packet) = &mut packet;
+            occluded(rtc::ALL_VALID.0.as_ptr(), self.scene, &mut context, packet);
             for lane in 0..N {
                 // Embree says "occluded" by a distance of minus infinity.
                 if packet.far[lane] >= 0.0 {
@@ -330,6 +322,26 @@ impl Drop for Embree {
 
 fn context(coherent: bool) -> rtc::Context {
     rtc::Context { coherent: coherent as u32, filter: std::ptr::null::<c_void>(), instance: rtc::INVALID }
+}
+
+/// Some rays of a queue, as Embree wants them.
+#[inline(always)]
+fn rays_at<const N: usize>(
+    origin: [&[f32]; 3],
+    direction: [&[f32]; 3],
+    far: [f32; N],
+    at: usize,
+) -> rtc::Rays<N> {
+    rtc::Rays {
+        origin: origin.map(|column| part(column, at)),
+        near: [0.0; N],
+        direction: direction.map(|column| part(column, at)),
+        time: [0.0; N],
+        far,
+        mask: [u32::MAX; N],
+        id: [0; N],
+        flags: [0; N],
+    }
 }
 
 #[inline(always)]

@@ -2,7 +2,6 @@
 
 use serde_json::Value;
 use std::process::Command;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 const SCENE: &str = r#"
     Camera "perspective" "float fov" 40
@@ -14,19 +13,14 @@ const SCENE: &str = r#"
 "#;
 
 fn bench(arguments: &[&str]) -> std::process::Output {
-    static CALLS: AtomicUsize = AtomicUsize::new(0);
-    let call = CALLS.fetch_add(1, Ordering::Relaxed);
-    let folder = std::env::temp_dir().join(format!("wavepath-bench-{}-{call}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    std::fs::write(folder.join("scene.pbrt"), SCENE).unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_wavepath"))
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("scene.pbrt"), SCENE).unwrap();
+    Command::new(env!("CARGO_BIN_EXE_wavepath"))
         .arg("bench")
         .args(arguments)
         .current_dir(&folder)
         .output()
-        .unwrap();
-    std::fs::remove_dir_all(&folder).unwrap();
-    output
+        .unwrap()
 }
 
 #[test]

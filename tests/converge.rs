@@ -1,31 +1,26 @@
 //! `wavepath converge` as a user sees it.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::Value;
 
 /// A folder that vanishes with the test.
-struct Scratch(PathBuf);
+struct Scratch(tempfile::TempDir);
 
 impl Scratch {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("wavepath-converge-{name}-{}", std::process::id()));
-        fs::create_dir_all(&path).unwrap();
-        Scratch(path)
+    fn new() -> Self {
+        Scratch(tempfile::tempdir().unwrap())
+    }
+    fn path(&self) -> &Path {
+        self.0.path()
     }
     fn names(&self) -> Vec<String> {
         let name = |entry: std::io::Result<fs::DirEntry>| entry.unwrap().file_name().into_string().unwrap();
-        let mut names: Vec<_> = fs::read_dir(&self.0).unwrap().map(name).collect();
+        let mut names: Vec<_> = fs::read_dir(self.path()).unwrap().map(name).collect();
         names.sort();
         names
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
     }
 }
 
@@ -42,8 +37,8 @@ fn converge(scene: &str, arguments: &[&str], output: &Path) -> Output {
 /// What a newcomer runs, in short: the files are there, the figures make sense.
 #[test]
 fn error_falls_with_time_against_a_reference() {
-    let scratch = Scratch::new("reference");
-    let folder = scratch.0.join("out");
+    let scratch = Scratch::new();
+    let folder = scratch.path().join("out");
     let reference = shipped("references/two-spheres.exr");
     let arguments = ["--reference", &reference, "--resolution", "64x64", "--budget", "400ms", "--quiet"];
     let output = converge("two-spheres.pbrt", &arguments, &folder);
@@ -76,13 +71,14 @@ fn error_falls_with_time_against_a_reference() {
 /// Without a reference: the errors that are reported are close to those that the films estimate.
 #[test]
 fn replicates_stand_for_the_reference() {
-    let scratch = Scratch::new("replicates");
+    let scratch = Scratch::new();
     let arguments = ["--engines", "wavefront", "--budget", "300ms", "--seeds", "4", "--resolution", "96x96"];
-    let output = converge("two-spheres.pbrt", &[&arguments[..], &["--adaptive"]].concat(), &scratch.0);
+    let output = converge("two-spheres.pbrt", &[&arguments[..], &["--adaptive"]].concat(), scratch.path());
     assert!(String::from_utf8_lossy(&output.stdout).contains("wavefront/sobol/adaptive"));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(String::from_utf8(output.stderr).unwrap().contains("4 variants x 4 seeds x 0.3 s"));
-    let json: Value = serde_json::from_slice(&fs::read(scratch.0.join("converge.json")).unwrap()).unwrap();
+    let json: Value =
+        serde_json::from_slice(&fs::read(scratch.path().join("converge.json")).unwrap()).unwrap();
     assert_eq!(json["reference"]["kind"]["replicates"]["count"], 8);
     for variant in json["summaries"][0]["variants"].as_array().unwrap() {
         let ratio = variant["estimated_over_measured"]["value"].as_f64();
@@ -93,7 +89,7 @@ fn replicates_stand_for_the_reference() {
 
 #[test]
 fn wrong_arguments_are_told_before_the_work() {
-    let scratch = Scratch::new("wrong");
+    let scratch = Scratch::new();
     let reference = shipped("references/cornell.exr");
     for (arguments, expected) in [
         (vec!["--reference", &reference], "64 x 64 pixels, the scene 400 x 400; --resolution 64x64"),
@@ -104,13 +100,13 @@ fn wrong_arguments_are_told_before_the_work() {
         (vec!["--external", "pbrt:1:none.exr"], "none.exr"),
         (vec!["--budget", "0s"], "more than zero"),
     ] {
-        let output = converge("cornell.pbrt", &arguments, &scratch.0);
+        let output = converge("cornell.pbrt", &arguments, scratch.path());
         let message = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(2), "{message}");
         assert!(message.contains(expected), "{message}");
     }
     assert!(scratch.names().is_empty());
-    let file = scratch.0.join("file");
+    let file = scratch.path().join("file");
     fs::write(&file, "").unwrap();
     let output = converge("cornell.pbrt", &[], &file);
     assert_eq!(output.status.code(), Some(2));

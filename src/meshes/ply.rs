@@ -101,8 +101,8 @@ mod tests {
 
     #[test]
     fn a_file_appears_whole_and_leaves_nothing_beside_it() {
-        let folder = std::env::temp_dir().join(format!("wavepath-ply-{}", std::process::id()));
-        fs::create_dir_all(&folder).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let mesh = TorusKnot { segments: 30, sides: 4, ..TorusKnot::default() }.build().unwrap();
         let path = folder.join("knot.ply");
         write(&path, &mesh).unwrap();
@@ -111,9 +111,8 @@ mod tests {
         fs::create_dir(folder.join("taken")).unwrap();
         assert!(write(&folder.join("taken"), &mesh).is_err());
         assert!(write(&folder.join("no/such/folder.ply"), &mesh).is_err());
-        let mut names: Vec<_> = fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+        let mut names: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect();
         names.sort();
         assert_eq!(names, ["knot.ply", "taken"]);
-        fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -8,6 +8,7 @@
 #![allow(dead_code)]
 
 use core::f64::consts::TAU;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Probability that a whole family of tests rejects something correct.
 pub const SIGNIFICANCE: f64 = 1e-3;
@@ -55,62 +56,9 @@ impl Random {
     }
 }
 
-/// Logarithm of the gamma function of a positive number (Lanczos 1964, g = 7, nine terms).
-fn ln_gamma(x: f64) -> f64 {
-    const C: [f64; 9] = [
-        0.999_999_999_999_809_9,
-        676.520_368_121_885_1,
-        -1_259.139_216_722_402_8,
-        771.323_428_777_653_1,
-        -176.615_029_162_140_6,
-        12.507_343_278_686_905,
-        -0.138_571_095_265_720_12,
-        9.984_369_578_019_572e-6,
-        1.505_632_735_149_311_6e-7,
-    ];
-    let x = x - 1.0;
-    let t = x + 7.5;
-    let sum = (1..9).fold(C[0], |sum, k| sum + C[k] / (x + k as f64));
-    0.5 * TAU.ln() + (x + 0.5) * t.ln() - t + sum.ln()
-}
-
-/// Upper regularised incomplete gamma function Q(a, x): the series below a + 1, Lentz' continued fraction above
-/// (Press et al., Numerical Recipes, section 6.2).
-fn upper_gamma(a: f64, x: f64) -> f64 {
-    if x <= 0.0 {
-        return 1.0;
-    }
-    let scale = (a * x.ln() - x - ln_gamma(a)).exp();
-    if x < a + 1.0 {
-        let (mut term, mut sum, mut n) = (1.0 / a, 1.0 / a, a);
-        while term > sum * 1e-16 {
-            n += 1.0;
-            term *= x / n;
-            sum += term;
-        }
-        return 1.0 - sum * scale;
-    }
-    let tiny = 1e-300;
-    let mut b = x + 1.0 - a;
-    let (mut c, mut d) = (1.0 / tiny, 1.0 / b);
-    let mut h = d;
-    for i in 1..100_000 {
-        let an = -(i as f64) * (i as f64 - a);
-        b += 2.0;
-        let clear = |x: f64| if x.abs() < tiny { tiny } else { x };
-        d = 1.0 / clear(an * d + b);
-        c = clear(b + an / c);
-        h *= d * c;
-        if (d * c - 1.0).abs() < 1e-15 {
-            break;
-        }
-    }
-    h * scale
-}
-
 /// Probability that a chi-squared variable with `freedom` degrees of freedom exceeds `statistic`.
 pub fn chi_squared_tail(statistic: f64, freedom: f64) -> f64 {
-    upper_gamma(0.5 * freedom, 0.5 * statistic)
+    ChiSquared::new(freedom).expect("degrees of freedom").sf(statistic)
 }
 
 /// Pearson's statistic and its degrees of freedom. Bins of which fewer than five samples are expected are pooled; many
