@@ -11,16 +11,16 @@ use wavepath_kernels::isa::Level;
 use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::material_sort::list;
 use wavepath_kernels::queue::{PathQueue, SHADOW_RAYS, ShadowQueue};
-use wavepath_kernels::scene::MaterialClass;
 use wavepath_kernels::shade::emission::Emission;
 use wavepath_kernels::shade::environment::Environment;
-use wavepath_kernels::shade::{
-    ConductorMaterial, DielectricMaterial, Features, Kinds, LambertMaterial, Material, OrenNayarMaterial,
-    RoughConductorMaterial, Shade, ThinDielectricMaterial,
+use wavepath_kernels::shade::materials::{
+    Conductor, Dielectric, Lambert, Material, OrenNayar, RoughConductor, ThinDielectric,
 };
+use wavepath_kernels::shade::{Features, Kinds, Shade};
 
 /// Scatters the paths of a class: all of the first round, those that have bounced of a later one.
-fn scatter<M: Material, P: Features>(c: &mut Criterion, loaded: &Loaded, class: MaterialClass) {
+fn scatter<M: Material, P: Features>(c: &mut Criterion, loaded: &Loaded) {
+    let class = M::CLASS;
     let level = Level::detect();
     let requirements = loaded.plan.requirements;
     let mut group = c.benchmark_group(format!("shade/{}/{}", class.name(), loaded.name));
@@ -71,13 +71,13 @@ fn materials(c: &mut Criterion) {
     let (cornell, sponge) = (Loaded::shipped("cornell"), Loaded::menger(Lamp::Ball));
     let (still_life, metals) = (Loaded::shipped("wineglass"), Loaded::shipped("metals"));
     let panes = Loaded::shipped("glass-pane");
-    scatter::<LambertMaterial, SphericalLamps>(c, &cornell, MaterialClass::Lambert);
-    scatter::<LambertMaterial, SphericalLamps>(c, &sponge, MaterialClass::Lambert);
-    scatter::<OrenNayarMaterial, SphericalLamps>(c, &still_life, MaterialClass::OrenNayar);
-    scatter::<ConductorMaterial, NoLamps>(c, &metals, MaterialClass::Conductor);
-    scatter::<RoughConductorMaterial, SphericalLamps>(c, &metals, MaterialClass::RoughConductor);
-    scatter::<DielectricMaterial, NoLamps>(c, &still_life, MaterialClass::Dielectric);
-    scatter::<ThinDielectricMaterial, NoLamps>(c, &panes, MaterialClass::ThinDielectric);
+    scatter::<Lambert, SphericalLamps>(c, &cornell);
+    scatter::<Lambert, SphericalLamps>(c, &sponge);
+    scatter::<OrenNayar, SphericalLamps>(c, &still_life);
+    scatter::<Conductor, NoLamps>(c, &metals);
+    scatter::<RoughConductor, SphericalLamps>(c, &metals);
+    scatter::<Dielectric, NoLamps>(c, &still_life);
+    scatter::<ThinDielectric, NoLamps>(c, &panes);
 }
 
 /// The light that paths find by themselves, in a round in which they have bounced.

@@ -15,7 +15,7 @@ pub mod list {
     pub const MISSED: usize = 0;
     /// Paths at their last vertex, or on a surface that reflects nothing: they end after their emission was added.
     pub const ENDED: usize = 1;
-    const FIRST_CLASS: usize = 2;
+    const FIRST_CLASS: usize = super::LISTS - MaterialClass::COUNT;
     /// Paths to be scattered by a material.
     #[inline(always)]
     pub const fn of(class: MaterialClass) -> usize {
@@ -34,6 +34,9 @@ pub mod list {
 
 /// Bit of [`OrderLists::key`] of paths whose primitive emits; the others hold the number of the list.
 pub const EMITS: u8 = 0x80;
+
+/// Room for a number a list: a power of two, so that indices need no check.
+const BUCKETS: usize = LISTS.next_power_of_two();
 
 /// Where each list begins and ends in [`OrderLists::list`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -99,17 +102,17 @@ fn material_sort(
     free: usize,
 ) -> Sorted {
     let n = paths.len;
-    let mut counts = [0usize; 16];
+    let mut counts = [0usize; BUCKETS];
     let mut emitting = 0;
     let keys = &mut order.key[..n];
     for (i, key) in keys.iter_mut().enumerate() {
         let (list, emits) = list_of(tags, max_depth, hits.primitive[i], paths.slot_depth[i] >> SLOT_BITS);
         *key = list as u8 | if emits { EMITS } else { 0 };
-        counts[list & 15] += 1;
+        counts[list & (BUCKETS - 1)] += 1;
         emitting += emits as usize;
     }
     let mut sorted = Sorted { emitting, ..Sorted::default() };
-    let mut cursor = [0usize; 16];
+    let mut cursor = [0usize; BUCKETS];
     sorted.starts[0] = free;
     for k in 0..LISTS {
         cursor[k] = sorted.starts[k];
@@ -117,7 +120,7 @@ fn material_sort(
     }
     let out = &mut order.list[..free + n];
     for (i, &key) in keys.iter().enumerate() {
-        let at = &mut cursor[key as usize & 15];
+        let at = &mut cursor[key as usize & (BUCKETS - 1)];
         out[*at] = i as u32;
         *at += 1;
     }

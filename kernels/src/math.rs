@@ -3,14 +3,14 @@
 use crate::lanes::Real;
 use core::ops::{Add, Mul, Neg, Sub};
 
-/// Three numbers a lane: a point, a direction or an RGB colour.
+/// Three coordinates a lane: a point or a direction.
 #[derive(Clone, Copy, Debug)]
 pub struct Vec3<F> {
-    /// First coordinate, or red.
+    /// First coordinate.
     pub x: F,
-    /// Second coordinate, or green.
+    /// Second coordinate.
     pub y: F,
-    /// Third coordinate, or blue.
+    /// Third coordinate.
     pub z: F,
 }
 
@@ -26,13 +26,6 @@ impl<F: Real> Sub for Vec3<F> {
     #[inline(always)]
     fn sub(self, o: Self) -> Self {
         Vec3 { x: self.x - o.x, y: self.y - o.y, z: self.z - o.z }
-    }
-}
-impl<F: Real> Mul for Vec3<F> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, o: Self) -> Self {
-        Vec3 { x: self.x * o.x, y: self.y * o.y, z: self.z * o.z }
     }
 }
 impl<F: Real> Neg for Vec3<F> {
@@ -98,11 +91,6 @@ impl<F: Real> Vec3<F> {
     pub fn normalize(self) -> Self {
         self.scale(self.length2().sqrt().recip())
     }
-    /// Largest coordinate.
-    #[inline(always)]
-    pub fn max_component(self) -> F {
-        self.x.max(self.y).max(self.z)
-    }
     /// `mask ? a : b`.
     #[inline(always)]
     pub fn select(mask: F::Mask, a: Self, b: Self) -> Self {
@@ -117,6 +105,76 @@ impl<F: Real> Vec3<F> {
     #[inline(always)]
     pub fn lane(self, i: usize) -> [f32; 3] {
         [self.x.to_array()[i], self.y.to_array()[i], self.z.to_array()[i]]
+    }
+}
+
+/// A colour a lane: radiance, throughput, reflectance. Linear red, green, blue.
+///
+/// Light of one colour does not turn into light of another, so there is nothing here that mixes channels but what
+/// decides about paths ([`Rgb::max_component`], [`Rgb::sum`]).
+#[derive(Clone, Copy, Debug)]
+pub struct Rgb<F> {
+    /// Red.
+    pub r: F,
+    /// Green.
+    pub g: F,
+    /// Blue.
+    pub b: F,
+}
+
+impl<F: Real> Mul for Rgb<F> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        Rgb { r: self.r * o.r, g: self.g * o.g, b: self.b * o.b }
+    }
+}
+
+impl<F: Real> Rgb<F> {
+    /// From lanes.
+    #[inline(always)]
+    pub fn new(r: F, g: F, b: F) -> Self {
+        Rgb { r, g, b }
+    }
+    /// The same colour in all lanes.
+    #[inline(always)]
+    pub fn splat(c: [f32; 3]) -> Self {
+        Rgb { r: F::splat(c[0]), g: F::splat(c[1]), b: F::splat(c[2]) }
+    }
+    /// Grey: the same number in all channels.
+    #[inline(always)]
+    pub fn all(x: F) -> Self {
+        Rgb { r: x, g: x, b: x }
+    }
+    /// Black.
+    #[inline(always)]
+    pub fn zero() -> Self {
+        Self::all(F::zero())
+    }
+    /// Times a number.
+    #[inline(always)]
+    pub fn scale(self, s: F) -> Self {
+        Rgb { r: self.r * s, g: self.g * s, b: self.b * s }
+    }
+    /// The largest channel.
+    #[inline(always)]
+    pub fn max_component(self) -> F {
+        self.r.max(self.g).max(self.b)
+    }
+    /// The sum of the channels: not finite if one of them is not.
+    #[inline(always)]
+    pub fn sum(self) -> F {
+        self.r + self.g + self.b
+    }
+    /// `mask ? a : b`.
+    #[inline(always)]
+    pub fn select(mask: F::Mask, a: Self, b: Self) -> Self {
+        Rgb { r: F::select(mask, a.r, b.r), g: F::select(mask, a.g, b.g), b: F::select(mask, a.b, b.b) }
+    }
+    /// Lane `i` as an array.
+    #[inline(always)]
+    pub fn lane(self, i: usize) -> [f32; 3] {
+        [self.r.to_array()[i], self.g.to_array()[i], self.b.to_array()[i]]
     }
 }
 

@@ -6,6 +6,7 @@
 
 use crate::lanes::Uint;
 use crate::sampler::Stream;
+use crate::sampler::dimension::{BANK, PER_VERTEX, VERTICES};
 
 /// Elements behind the capacity of every column: the widest vector.
 pub const PAD: usize = 16;
@@ -174,8 +175,12 @@ queues! {
 pub const SLOT_BITS: u32 = 20;
 /// Largest number of paths of one worker.
 pub const MAX_BATCH: usize = 1 << SLOT_BITS;
-/// Largest `maxdepth` that fits beside the slot.
+/// Largest `maxdepth` that fits beside the slot: the number of a vertex goes one further.
 pub const MAX_DEPTH: u32 = (1 << (32 - SLOT_BITS)) - 2;
+const _: () = assert!(
+    MAX_DEPTH * PER_VERTEX + VERTICES < BANK,
+    "dimensions of the first bank must not reach the second"
+);
 /// Bits of [`SlotTable::place`] that hold the pixel in its block.
 pub const PIXEL_BITS: u32 = 8;
 /// Bits of [`SlotTable::place`] above them that hold the sample in its work unit.

@@ -2,7 +2,7 @@
 
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Mask, Real, Uint};
-use crate::math::Vec3;
+use crate::math::Rgb;
 use crate::queue::{OrderLists, PathQueue, SLOT_BITS, SlotTable};
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
 use core::marker::PhantomData;
@@ -18,7 +18,7 @@ pub const FIRST_ROULETTE: u32 = 3;
 /// furnace, before caustics: square root from the second on 1.14, 1.27, 1.61, 1.59, 1.06; from the third on 1.14,
 /// 1.45, 2.5, 2.6, 1.05; from the fourth on 1.16, 1.52, 3.0, 4.4, 0.92.
 #[inline(always)]
-pub fn survival<F: Real>(throughput: Vec3<F>, eta_scale: F, scattered: F::Uint) -> F {
+pub fn survival<F: Real>(throughput: Rgb<F>, eta_scale: F, scattered: F::Uint) -> F {
     let played = (throughput.max_component() * eta_scale).sqrt().min(F::one());
     let early = scattered.lt(F::Uint::splat(FIRST_ROULETTE));
     F::select(early, F::one(), played)
@@ -28,10 +28,10 @@ pub fn survival<F: Real>(throughput: Vec3<F>, eta_scale: F, scattered: F::Uint) 
 #[inline(always)]
 pub fn roulette<F: Real, S: Sampler>(
     stream: Stream<F::Uint>,
-    throughput: Vec3<F>,
+    throughput: Rgb<F>,
     eta_scale: F,
     scattered: F::Uint,
-) -> (Vec3<F>, F::Mask) {
+) -> (Rgb<F>, F::Mask) {
     let q = survival(throughput, eta_scale, scattered);
     let certain = q.ge(F::one());
     let possible = throughput.max_component().gt(F::zero());
@@ -91,10 +91,10 @@ fn roulette_compact<F: Real, S: Sampler>(
         let slot_depth = F::Uint::load(&paths.slot_depth, at);
         let slot = slot_depth & F::Uint::splat((1 << SLOT_BITS) - 1);
         let throughput =
-            Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
+            Rgb::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
 
         // The sum, not the maximum: that of a NaN and a number is the number.
-        let finite = (throughput.x + throughput.y + throughput.z).lt(F::lit(f64::INFINITY));
+        let finite = throughput.sum().lt(F::lit(f64::INFINITY));
         if (!finite & active).any() {
             poison::<F>(slots, slot, !finite & active);
         }
@@ -120,9 +120,9 @@ fn roulette_compact<F: Real, S: Sampler>(
         if weighed {
             pack!(pdf);
         }
-        throughput.x.compress(lives, &mut paths.throughput_r, to);
-        throughput.y.compress(lives, &mut paths.throughput_g, to);
-        throughput.z.compress(lives, &mut paths.throughput_b, to);
+        throughput.r.compress(lives, &mut paths.throughput_r, to);
+        throughput.g.compress(lives, &mut paths.throughput_g, to);
+        throughput.b.compress(lives, &mut paths.throughput_b, to);
         slot_depth.compress(lives, &mut paths.slot_depth, to);
         // The last vertex was scattered from in vain.
         (slot_depth - F::Uint::splat(1 << SLOT_BITS)).compress(ends, &mut order.list, free);

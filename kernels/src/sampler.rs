@@ -15,9 +15,12 @@ pub mod dimension {
     pub const LENS: u32 = 1;
     /// First dimension of the first vertex.
     pub const VERTICES: u32 = 2;
-    /// Dimensions a vertex.
+    /// Dimensions a vertex, of a bank.
     pub const PER_VERTEX: u32 = 4;
-    /// Direction sampled from the BSDF (pair); the choice of a lobe for smooth surfaces (its first number).
+    /// Distance of banks. What a vertex needs beyond its first dimensions comes from further banks, so that new purposes
+    /// move no old ones: renders keep their bits.
+    pub const BANK: u32 = 1 << 24;
+    /// Direction sampled from the BSDF (pair); the choice of a lobe for specular surfaces (its first number).
     pub const BSDF: u32 = 0;
     /// Place on the light (pair).
     pub const LIGHT: u32 = 1;
@@ -25,6 +28,8 @@ pub mod dimension {
     pub const LIGHT_CHOICE: u32 = 2;
     /// Russian roulette (single).
     pub const ROULETTE: u32 = 3;
+    /// Choice of a lobe where a direction is sampled, too (single).
+    pub const LOBE: u32 = 4;
 }
 
 /// The numbers of one sample a lane.
@@ -60,7 +65,9 @@ pub trait Sampler: Copy + Send + Sync + 'static {
 /// The dimension that serves `purpose` (a constant of [`dimension`]) at the vertex number `depth`, 0 the first.
 #[inline(always)]
 pub fn vertex_dimension<U: Uint>(depth: U, purpose: u32) -> U {
-    depth * U::splat(dimension::PER_VERTEX) + U::splat(dimension::VERTICES + purpose)
+    use dimension::{BANK, PER_VERTEX, VERTICES};
+    let (bank, place) = (purpose / PER_VERTEX, purpose % PER_VERTEX);
+    depth * U::splat(PER_VERTEX) + U::splat(bank * BANK + VERTICES + place)
 }
 
 /// A well-mixed permutation of 32 bits (lowbias32 by Wellons, in the variant with the least bias).

@@ -2,73 +2,18 @@
 //! primitive, material and light; built once, never written while rendering.
 
 use crate::generate::Camera;
+pub use crate::shade::materials::{MaterialClass, MaterialHandle, MaterialTable};
 
-/// Class of a primitive's material: the key of `material_sort`, one shade kernel each.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(u32)]
-pub enum MaterialClass {
-    /// Reflects nothing: the path ends here.
-    Absorber = 0,
-    /// Lambert.
-    Lambert = 1,
-    /// Oren-Nayar.
-    OrenNayar = 2,
-    /// Smooth conductor.
-    Conductor = 3,
-    /// GGX conductor.
-    RoughConductor = 4,
-    /// Smooth dielectric.
-    Dielectric = 5,
-    /// Thin pane of a smooth dielectric.
-    ThinDielectric = 6,
-}
-
-impl MaterialClass {
-    /// How many classes there are.
-    pub const COUNT: usize = 7;
-    /// All of them, in order.
-    pub const ALL: [MaterialClass; Self::COUNT] = [
-        MaterialClass::Absorber,
-        MaterialClass::Lambert,
-        MaterialClass::OrenNayar,
-        MaterialClass::Conductor,
-        MaterialClass::RoughConductor,
-        MaterialClass::Dielectric,
-        MaterialClass::ThinDielectric,
-    ];
-
-    /// Name for the plan and for profiles.
-    pub fn name(self) -> &'static str {
-        match self {
-            MaterialClass::Absorber => "absorber",
-            MaterialClass::Lambert => "lambert",
-            MaterialClass::OrenNayar => "oren_nayar",
-            MaterialClass::Conductor => "conductor",
-            MaterialClass::RoughConductor => "rough_conductor",
-            MaterialClass::Dielectric => "dielectric",
-            MaterialClass::ThinDielectric => "thin_dielectric",
-        }
-    }
-
-    /// Does light sampling find anything there? Not on smooth surfaces.
-    pub fn samples_lights(self) -> bool {
-        matches!(self, MaterialClass::Lambert | MaterialClass::OrenNayar | MaterialClass::RoughConductor)
-    }
-
-    /// Does light pass through, so that its radiance is scaled by the squared index of refraction?
-    pub fn transmits(self) -> bool {
-        self == MaterialClass::Dielectric
-    }
-}
-
-/// What a primitive is made of, in 32 bits: class (4 bits), emitting or not (1 bit), and the number of its light if
-/// it emits, of its material otherwise (27 bits).
+/// What a primitive is made of, in 32 bits: class (6 bits), emitting or not (1 bit), and the number of its light if it
+/// emits, the row of its material otherwise (25 bits).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PrimitiveTag(pub u32);
 
 impl PrimitiveTag {
-    /// Bits of the material's or the light's number.
-    pub const ID_BITS: u32 = 27;
+    /// Bits of the class.
+    pub const CLASS_BITS: u32 = 6;
+    /// Bits of the light's number or the material's row.
+    pub const ID_BITS: u32 = 31 - Self::CLASS_BITS;
     /// Mask of those bits.
     pub const ID_MASK: u32 = (1 << Self::ID_BITS) - 1;
     /// The bit that says "emits".
@@ -77,11 +22,17 @@ impl PrimitiveTag {
     pub const CLASS_SHIFT: u32 = Self::ID_BITS + 1;
 
     /// Of a primitive that only reflects.
-    pub fn material(class: MaterialClass, material: u32) -> Self {
-        assert!(material <= Self::ID_MASK);
-        PrimitiveTag((class as u32) << Self::CLASS_SHIFT | material)
+    ///
+    /// # Panics
+    /// If the row does not fit its bits: no [`MaterialTable`] has such a row.
+    pub fn material(material: MaterialHandle) -> Self {
+        assert!(material.row <= Self::ID_MASK);
+        PrimitiveTag((material.class as u32) << Self::CLASS_SHIFT | material.row)
     }
     /// Of a primitive that emits.
+    ///
+    /// # Panics
+    /// If the light's number does not fit its bits.
     pub fn light(class: MaterialClass, light: u32) -> Self {
         assert!(light <= Self::ID_MASK);
         PrimitiveTag((class as u32) << Self::CLASS_SHIFT | Self::EMITS | light)
@@ -195,33 +146,6 @@ impl Geometry {
             + size_of_val(&self.quadrics[..])
             + size_of_val(&self.surfaces[..])
             + size_of_val(&self.tags[..])
-    }
-}
-
-/// Material parameters, [`MaterialTable::STRIDE`] numbers a material; each shade kernel names its own.
-#[derive(Clone, Debug, Default)]
-pub struct MaterialTable {
-    /// The numbers.
-    pub rows: Vec<f32>,
-}
-
-impl MaterialTable {
-    /// Numbers a material.
-    pub const STRIDE: usize = 8;
-
-    /// Adds a material and returns its number.
-    pub fn push(&mut self, row: [f32; Self::STRIDE]) -> u32 {
-        let id = self.rows.len() / Self::STRIDE;
-        self.rows.extend(row);
-        id as u32
-    }
-    /// How many materials.
-    pub fn len(&self) -> usize {
-        self.rows.len() / Self::STRIDE
-    }
-    /// No materials?
-    pub fn is_empty(&self) -> bool {
-        self.rows.is_empty()
     }
 }
 

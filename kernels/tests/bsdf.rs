@@ -8,25 +8,52 @@ use core::num::Wrapping;
 use statistics::{Around, Mean, Random, assert_distributed, cross, dot, normalize};
 use wavepath_kernels::isa::{Isa, Kernel, Level};
 use wavepath_kernels::lanes::{Mask, Real, Uint};
-use wavepath_kernels::math::Vec3;
-use wavepath_kernels::scene::MaterialTable;
-use wavepath_kernels::shade::bsdf::{Bsdf, BsdfSample, MaterialRow};
-use wavepath_kernels::shade::{
-    ConductorMaterial, DielectricMaterial, LambertMaterial, Material, OrenNayarMaterial,
-    RoughConductorMaterial, ThinDielectricMaterial, conductor, dielectric, fresnel, lambert, oren_nayar,
-    rough_conductor, thin_dielectric,
+use wavepath_kernels::math::{Rgb, Vec3};
+use wavepath_kernels::scene::{MaterialHandle, MaterialTable};
+use wavepath_kernels::shade::bsdf::{Bsdf, BsdfSample};
+use wavepath_kernels::shade::fresnel;
+use wavepath_kernels::shade::materials::{
+    Conductor, Dielectric, Lambert, Listed, Material, MaterialClass, MaterialError, OrenNayar,
+    RoughConductor, ThinDielectric,
 };
+use wavepath_kernels::shade::parameters::{BadParameter, Parameter, Parameters, TextureId};
 
 /// One lane, single or double precision.
 trait Scalar: Real<Mask = bool, Uint = Wrapping<u32>> + Into<f64> {}
 impl Scalar for f32 {}
 impl Scalar for f64 {}
 
-fn bsdf<M: Material, F: Real>(row: [f32; 8]) -> M::Bsdf<F> {
+/// The lobes of a material, by way of the table: its second material, so that its row does not begin at 0.
+fn bsdf<M: Material, F: Real>(material: M) -> M::Bsdf<F> {
     let mut table = MaterialTable::default();
-    let id = table.push(row);
+    table.add(&oren_nayar([0.3; 3], 5.0)).unwrap();
+    let handle = table.add(&material).unwrap();
     // SAFETY: the table has this material.
-    Bsdf::load(unsafe { MaterialRow::new(&table, F::Uint::splat(id)) })
+    M::bsdf::<F>(unsafe { table.evaluate::<M, F>(F::Uint::splat(handle.row)) })
+}
+
+fn lambert(reflectance: [f32; 3]) -> Lambert {
+    Lambert { reflectance: reflectance.into() }
+}
+fn oren_nayar(reflectance: [f32; 3], sigma: f32) -> OrenNayar {
+    OrenNayar { reflectance: reflectance.into(), sigma: sigma.into() }
+}
+fn conductor(eta: [f32; 3], k: [f32; 3]) -> Conductor {
+    Conductor { eta: eta.into(), k: k.into() }
+}
+fn rough_conductor(eta: [f32; 3], k: [f32; 3], alpha: f32) -> RoughConductor {
+    RoughConductor { eta: eta.into(), k: k.into(), alpha: alpha.into() }
+}
+fn dielectric(eta: f32, reflectance: [f32; 3], transmittance: [f32; 3]) -> Dielectric {
+    Dielectric { eta: eta.into(), reflectance: reflectance.into(), transmittance: transmittance.into() }
+}
+fn thin_dielectric(eta: f32) -> ThinDielectric {
+    ThinDielectric { eta: eta.into() }
+}
+/// Draws a direction as the path step does.
+fn draw<F: Real, B: Bsdf<F>>(bsdf: &B, wo: [f64; 3], random: &mut Random) -> BsdfSample<F> {
+    let u = [random.unit(), random.unit()].map(F::lit);
+    bsdf.sample(lanes(wo), if B::SPECULAR { u[0] } else { F::lit(random.unit()) }, u)
 }
 
 fn lanes<F: Real>(v: [f64; 3]) -> Vec3<F> {
@@ -35,6 +62,10 @@ fn lanes<F: Real>(v: [f64; 3]) -> Vec3<F> {
 
 fn array<F: Scalar>(v: Vec3<F>) -> [f64; 3] {
     [v.x.into(), v.y.into(), v.z.into()]
+}
+
+fn channels<F: Scalar>(c: Rgb<F>) -> [f64; 3] {
+    [c.r.into(), c.g.into(), c.b.into()]
 }
 
 /// Unit direction at the azimuth 0.7 with this cosine.
@@ -55,8 +86,8 @@ const ALPHAS: [f32; 6] = [0.01, 0.03, 0.1, 0.3, 0.6, 1.0];
 const GOLD: ([f32; 3], [f32; 3]) = ([0.18, 0.42, 1.37], [3.42, 2.35, 1.77]);
 const PERFECT: ([f32; 3], [f32; 3]) = ([0.0; 3], [1.0; 3]);
 
-fn rough(alpha: f32) -> [f32; 8] {
-    rough_conductor::row(GOLD.0, GOLD.1, alpha)
+fn rough(alpha: f32) -> RoughConductor {
+    rough_conductor(GOLD.0, GOLD.1, alpha)
 }
 
 /// A map of the sphere in which the density of the material's samples is mild.
@@ -72,62 +103,69 @@ fn map_for(wo: [f64; 3], alpha: Option<f32>) -> Around {
 /// is the share of invalid samples.
 fn assert_samples<F: Scalar, M: Material>(
     what: &str,
-    row: [f32; 8],
+    material: M,
     wo: [f64; 3],
     map: &Around,
     integrals: &[f64],
     family: usize,
 ) {
     const SAMPLES: usize = 100_000;
-    let bsdf = bsdf::<M, F>(row);
+    let bsdf = bsdf::<M, F>(material);
     let total: f64 = integrals.iter().sum();
     let mut expected: Vec<f64> = integrals.iter().map(|p| p * SAMPLES as f64).collect();
     expected.push((1.0 - total).max(0.0) * SAMPLES as f64);
     let mut observed = vec![0u64; expected.len()];
     let mut random = Random::new(1);
     for _ in 0..SAMPLES {
-        let s = bsdf.sample(lanes(wo), [F::lit(random.unit()), F::lit(random.unit())]);
+        let s = draw(&bsdf, wo, &mut random);
         let bin = if s.valid { map.bin(array(s.wi)) } else { integrals.len() };
         observed[bin] += 1;
     }
     assert_distributed(what, &observed, &expected, family);
 }
 
-fn assert_sampling<M: Material>(what: &str, row: [f32; 8], alpha: Option<f32>, family: usize) {
-    let oracle = bsdf::<M, f64>(row);
-    for cos in COSINES {
+/// [`COSINES`], and for materials that are seen from both sides the same on the other.
+fn cosines<M: Material>() -> impl Iterator<Item = f64> {
+    let behind = COSINES.map(|cos| -cos);
+    COSINES.into_iter().chain(behind.into_iter().filter(|_| M::Bsdf::<f64>::TRANSMITS))
+}
+
+fn assert_sampling<M: Material>(what: &str, material: M, alpha: Option<f32>, family: usize) {
+    let oracle = bsdf::<M, f64>(material);
+    for cos in cosines::<M>() {
         let wo = single(direction(cos));
         let what = format!("{what}, cos {cos}");
         let map = map_for(wo, alpha);
         let integrals = map.integrals(|wi| oracle.pdf(lanes(wo), lanes(wi)));
         let total: f64 = integrals.iter().sum();
         assert!(total <= 1.0 + 1e-4, "{what}: density integrates to {total}");
-        assert_samples::<f64, M>(&format!("{what}, double"), row, wo, &map, &integrals, 2 * family);
-        assert_samples::<f32, M>(&format!("{what}, single"), row, wo, &map, &integrals, 2 * family);
+        assert_samples::<f64, M>(&format!("{what}, double"), material, wo, &map, &integrals, 2 * family);
+        assert_samples::<f32, M>(&format!("{what}, single"), material, wo, &map, &integrals, 2 * family);
     }
 }
 
 #[test]
 fn samples_follow_their_density() {
     let family = (1 + SIGMAS.len() + ALPHAS.len()) * COSINES.len();
-    assert_sampling::<LambertMaterial>("Lambert", lambert::row([0.5; 3]), None, family);
+    assert_sampling::<Lambert>("Lambert", lambert([0.5; 3]), None, family);
     for sigma in SIGMAS {
-        let row = oren_nayar::row([0.5; 3], sigma);
-        assert_sampling::<OrenNayarMaterial>(&format!("Oren-Nayar {sigma}"), row, None, family);
+        let row = oren_nayar([0.5; 3], sigma);
+        assert_sampling::<OrenNayar>(&format!("Oren-Nayar {sigma}"), row, None, family);
     }
     for alpha in ALPHAS {
         let what = format!("rough conductor {alpha}");
-        assert_sampling::<RoughConductorMaterial>(&what, rough(alpha), Some(alpha), family);
+        assert_sampling::<RoughConductor>(&what, rough(alpha), Some(alpha), family);
     }
 }
 
 /// The weight and the density that come with a sample are those of `eval` and `pdf`.
-fn assert_weights<F: Scalar, M: Material>(what: &str, row: [f32; 8], tolerance: impl Fn(f64, f64) -> f64) {
-    let bsdf = bsdf::<M, F>(row);
+fn assert_weights<F: Scalar, M: Material>(what: &str, material: M, tolerance: impl Fn(f64, f64) -> f64) {
+    let bsdf = bsdf::<M, F>(material);
     let mut random = Random::new(2);
     for _ in 0..20_000 {
-        let wo = direction(random.magnitude(1e-3, 1.0));
-        let s: BsdfSample<F> = bsdf.sample(lanes(wo), [F::lit(random.unit()), F::lit(random.unit())]);
+        let behind = M::Bsdf::<F>::TRANSMITS && random.unit() < 0.5;
+        let wo = direction(random.magnitude(1e-3, 1.0) * if behind { -1.0 } else { 1.0 });
+        let s: BsdfSample<F> = draw(&bsdf, wo, &mut random);
         if !s.valid {
             continue;
         }
@@ -137,7 +175,7 @@ fn assert_weights<F: Scalar, M: Material>(what: &str, row: [f32; 8], tolerance: 
         let own: f64 = s.pdf.into();
         let bound = tolerance(wo[2], wi[2]);
         assert!((own / pdf - 1.0).abs() < bound, "{what}: pdf {own} and {pdf} for {wo:?}, {wi:?}");
-        let (weight, eval) = (array(s.weight), array(bsdf.eval(lanes(wo), s.wi)));
+        let (weight, eval) = (channels(s.weight), channels(bsdf.eval(lanes(wo), s.wi)));
         for c in 0..3 {
             let ratio = eval[c] / pdf;
             assert!(
@@ -151,60 +189,62 @@ fn assert_weights<F: Scalar, M: Material>(what: &str, row: [f32; 8], tolerance: 
 
 #[test]
 fn weight_is_value_over_density() {
-    assert_weights::<f64, LambertMaterial>("Lambert", lambert::row([0.2, 0.5, 1.0]), |_, _| 1e-12);
-    assert_weights::<f32, LambertMaterial>("Lambert", lambert::row([0.2, 0.5, 1.0]), |_, _| 1e-6);
+    assert_weights::<f64, Lambert>("Lambert", lambert([0.2, 0.5, 1.0]), |_, _| 1e-12);
+    assert_weights::<f32, Lambert>("Lambert", lambert([0.2, 0.5, 1.0]), |_, _| 1e-6);
     for sigma in SIGMAS {
-        let row = oren_nayar::row([0.2, 0.5, 1.0], sigma);
-        assert_weights::<f64, OrenNayarMaterial>(&format!("Oren-Nayar {sigma}"), row, |_, _| 1e-12);
-        assert_weights::<f32, OrenNayarMaterial>(&format!("Oren-Nayar {sigma}"), row, |_, _| 1e-6);
+        let row = oren_nayar([0.2, 0.5, 1.0], sigma);
+        assert_weights::<f64, OrenNayar>(&format!("Oren-Nayar {sigma}"), row, |_, _| 1e-12);
+        assert_weights::<f32, OrenNayar>(&format!("Oren-Nayar {sigma}"), row, |_, _| 1e-6);
     }
     for alpha in [1e-3, 0.01, 0.1, 0.3, 1.0] {
         // The half vector is found again from directions that are unit but for rounding: relative to the width of
         // the lobe, and stretched by grazing angles.
         let sensitivity = |o: f64, i: f64| 1.0 + 1.0 / (alpha as f64 * (o + i));
         let what = format!("rough conductor {alpha}");
-        assert_weights::<f64, RoughConductorMaterial>(&what, rough(alpha), |o, i| {
-            1e-14 * sensitivity(o, i) + 1e-12
-        });
-        assert_weights::<f32, RoughConductorMaterial>(&what, rough(alpha), |o, i| 2e-6 * sensitivity(o, i));
+        assert_weights::<f64, RoughConductor>(&what, rough(alpha), |o, i| 1e-14 * sensitivity(o, i) + 1e-12);
+        assert_weights::<f32, RoughConductor>(&what, rough(alpha), |o, i| 2e-6 * sensitivity(o, i));
     }
 }
 
-fn assert_reciprocal<M: Material>(what: &str, row: [f32; 8]) {
-    let bsdf = bsdf::<M, f64>(row);
+fn assert_reciprocal<M: Material>(what: &str, material: M) {
+    let bsdf = bsdf::<M, f64>(material);
+    let transmits = M::Bsdf::<f64>::TRANSMITS;
     let mut random = Random::new(3);
     for _ in 0..2_000 {
-        let [a, b] = [0; 2].map(|_| random.direction()).map(|[x, y, z]| [x, y, z.abs()]);
-        let ab = array(bsdf.eval(lanes(a), lanes(b)));
-        let ba = array(bsdf.eval(lanes(b), lanes(a)));
+        let side = |z: f64| if transmits { z } else { z.abs() };
+        let [a, b] = [0; 2].map(|_| random.direction()).map(|[x, y, z]| [x, y, side(z)]);
+        let ab = channels(bsdf.eval(lanes(a), lanes(b)));
+        let ba = channels(bsdf.eval(lanes(b), lanes(a)));
         for c in 0..3 {
-            let (f, g) = (ab[c] / b[2], ba[c] / a[2]);
+            let (f, g) = (ab[c] / b[2].abs(), ba[c] / a[2].abs());
             assert!((f - g).abs() <= 1e-9 * (f + g), "{what}: {f} and {g} for {a:?}, {b:?}");
         }
-        assert_eq!(array(bsdf.eval(lanes(a), lanes([b[0], b[1], -b[2]]))), [0.0; 3], "{what}: below");
-        assert_eq!(bsdf.pdf(lanes(a), lanes([b[0], b[1], -b[2]])), 0.0, "{what}: below");
+        if !transmits {
+            assert_eq!(channels(bsdf.eval(lanes(a), lanes([b[0], b[1], -b[2]]))), [0.0; 3], "{what}: below");
+            assert_eq!(bsdf.pdf(lanes(a), lanes([b[0], b[1], -b[2]])), 0.0, "{what}: below");
+        }
     }
 }
 
 #[test]
 fn materials_are_reciprocal() {
-    assert_reciprocal::<LambertMaterial>("Lambert", lambert::row([0.2, 0.5, 1.0]));
+    assert_reciprocal::<Lambert>("Lambert", lambert([0.2, 0.5, 1.0]));
     for sigma in SIGMAS {
-        assert_reciprocal::<OrenNayarMaterial>("Oren-Nayar", oren_nayar::row([0.2, 0.5, 1.0], sigma));
+        assert_reciprocal::<OrenNayar>("Oren-Nayar", oren_nayar([0.2, 0.5, 1.0], sigma));
     }
     for alpha in ALPHAS {
-        assert_reciprocal::<RoughConductorMaterial>("rough conductor", rough(alpha));
+        assert_reciprocal::<RoughConductor>("rough conductor", rough(alpha));
     }
 }
 
 /// Directional albedo by quadrature, checked against the mean weight of samples in single precision.
-fn albedo<M: Material>(what: &str, row: [f32; 8], wo: [f64; 3], alpha: Option<f32>) -> f64 {
-    let (double, fast) = (bsdf::<M, f64>(row), bsdf::<M, f32>(row));
-    let exact: f64 = map_for(wo, alpha).integrals(|wi| double.eval(lanes(wo), lanes(wi)).x).iter().sum();
+fn albedo<M: Material>(what: &str, material: M, wo: [f64; 3], alpha: Option<f32>) -> f64 {
+    let (double, fast) = (bsdf::<M, f64>(material), bsdf::<M, f32>(material));
+    let exact: f64 = map_for(wo, alpha).integrals(|wi| double.eval(lanes(wo), lanes(wi)).r).iter().sum();
     let mut random = Random::new(4);
     let mean = Mean::of((0..100_000).map(|_| {
-        let s = fast.sample(lanes(wo), [random.unit() as f32, random.unit() as f32]);
-        if s.valid { s.weight.x as f64 } else { 0.0 }
+        let s = draw(&fast, wo, &mut random);
+        if s.valid { s.weight.r as f64 } else { 0.0 }
     }));
     mean.assert_near(&format!("{what}: albedo"), exact, 1e-4);
     exact
@@ -214,23 +254,24 @@ fn albedo<M: Material>(what: &str, row: [f32; 8], wo: [f64; 3], alpha: Option<f3
 fn furnaces_are_white() {
     for cos in COSINES {
         let wo = single(direction(cos));
-        let lambert = albedo::<LambertMaterial>("Lambert", lambert::row([1.0; 3]), wo, None);
+        let lambert = albedo::<Lambert>("Lambert", lambert([1.0; 3]), wo, None);
         assert!((lambert - 1.0).abs() < 1e-5, "Lambert, cos {cos}: {lambert}");
         for sigma in SIGMAS {
-            let row = oren_nayar::row([1.0; 3], sigma);
-            let oren_nayar = albedo::<OrenNayarMaterial>("Oren-Nayar", row, wo, None);
+            let row = oren_nayar([1.0; 3], sigma);
+            let oren_nayar = albedo::<OrenNayar>("Oren-Nayar", row, wo, None);
             // The qualitative model itself exceeds 1 a little for small sigma at grazing angles, where its albedo
             // is A + B / 2: 1.0146 at 10 degrees.
-            let bound = (row[3] + 0.5 * row[4]).max(1.0) as f64;
+            let s2 = (sigma as f64).to_radians().powi(2);
+            let bound = (1.0 - s2 / (2.0 * (s2 + 0.33)) + 0.5 * 0.45 * s2 / (s2 + 0.09)).max(1.0);
             assert!(
                 oren_nayar > 0.6 && oren_nayar < bound + 1e-5,
                 "Oren-Nayar {sigma}, cos {cos}: {oren_nayar}"
             );
         }
         for alpha in ALPHAS {
-            let row = rough_conductor::row(PERFECT.0, PERFECT.1, alpha);
+            let row = rough_conductor(PERFECT.0, PERFECT.1, alpha);
             let what = format!("rough conductor {alpha}, cos {cos}");
-            let got = albedo::<RoughConductorMaterial>(&what, row, wo, Some(alpha));
+            let got = albedo::<RoughConductor>(&what, row, wo, Some(alpha));
             let want: f64 = map_for(wo, Some(alpha)).integrals(|wi| ggx(wo, wi, alpha) * wi[2]).iter().sum();
             assert!((got - want).abs() < 1e-4, "{what}: {got}, not {want}");
             assert!(got <= 1.0 + 1e-4, "{what}: {got}");
@@ -238,8 +279,8 @@ fn furnaces_are_white() {
                 assert!(got > 0.995, "{what}: smooth, but {got}");
             }
         }
-        let smooth = bsdf::<ConductorMaterial, f32>(conductor::row(PERFECT.0, PERFECT.1));
-        let s = smooth.sample(lanes(wo), [0.3, 0.8]);
+        let smooth = bsdf::<Conductor, f32>(conductor(PERFECT.0, PERFECT.1));
+        let s = smooth.sample(lanes(wo), 0.3, [0.3, 0.8]);
         assert_eq!(s.weight.lane(0), [1.0; 3]);
         assert!(s.valid && s.pdf == 0.0);
         assert_eq!(s.wi.lane(0), [-wo[0] as f32, -wo[1] as f32, wo[2] as f32]);
@@ -263,18 +304,18 @@ fn ggx(wo: [f64; 3], wi: [f64; 3], alpha: f32) -> f64 {
 fn rough_conductor_is_ggx() {
     let mut random = Random::new(5);
     for alpha in [1e-3, 0.01, 0.1, 0.5, 1.0] {
-        let perfect = bsdf::<RoughConductorMaterial, f64>(rough_conductor::row(PERFECT.0, PERFECT.1, alpha));
-        let gold = bsdf::<RoughConductorMaterial, f64>(rough(alpha));
+        let perfect = bsdf::<RoughConductor, f64>(rough_conductor(PERFECT.0, PERFECT.1, alpha));
+        let gold = bsdf::<RoughConductor, f64>(rough(alpha));
         for _ in 0..2_000 {
             let [wo, wi] =
                 [0; 2].map(|_| random.direction()).map(|[x, y, z]| [x, y, z.abs().max(1e-3)]).map(normalize);
             let want = ggx(wo, wi, alpha) * wi[2];
-            let got = perfect.eval(lanes(wo), lanes(wi)).x;
+            let got = perfect.eval(lanes(wo), lanes(wi)).r;
             assert!((got / want - 1.0).abs() < 1e-9, "{got}, not {want}");
             let h = normalize(statistics::add(wo, wi));
             let tinted = gold.eval(lanes(wo), lanes(wi));
             let f = complex_fresnel(dot(wo, h), GOLD.0[1] as f64, GOLD.1[1] as f64);
-            assert!((tinted.y / (want * f) - 1.0).abs() < 1e-9);
+            assert!((tinted.g / (want * f) - 1.0).abs() < 1e-9);
         }
     }
 }
@@ -283,7 +324,7 @@ fn rough_conductor_is_ggx() {
 fn oren_nayar_is_the_formula() {
     let mut random = Random::new(6);
     for sigma in [0.0, 10.0, 20.0, 60.0, 90.0f32] {
-        let bsdf = bsdf::<OrenNayarMaterial, f64>(oren_nayar::row([1.0, 0.5, 0.25], sigma));
+        let bsdf = bsdf::<OrenNayar, f64>(oren_nayar([1.0, 0.5, 0.25], sigma));
         let s2 = (sigma as f64).to_radians().powi(2);
         let (a, b) = (1.0 - s2 / (2.0 * (s2 + 0.33)), 0.45 * s2 / (s2 + 0.09));
         for _ in 0..2_000 {
@@ -294,7 +335,7 @@ fn oren_nayar_is_the_formula() {
             let f = FRAC_1_PI * (a + b * delta.cos().max(0.0) * alpha.sin() * beta.tan());
             let got = bsdf.eval(lanes(wo), lanes(wi));
             // A and B are kept in single precision.
-            for (got, tint) in [(got.x, 1.0), (got.y, 0.5), (got.z, 0.25)] {
+            for (got, tint) in [(got.r, 1.0), (got.g, 0.5), (got.b, 0.25)] {
                 let want = tint * f * wi[2];
                 assert!((got - want).abs() <= 1e-6 * want + 1e-12, "sigma {sigma}: {got}, not {want}");
             }
@@ -364,7 +405,7 @@ fn fresnel_of_dielectrics() {
 
 #[test]
 fn fresnel_of_conductors() {
-    let one = |cos: f64, eta: f64, k: f64| fresnel::conductor(cos, Vec3::all(eta), Vec3::all(k)).x;
+    let one = |cos: f64, eta: f64, k: f64| fresnel::conductor(cos, Rgb::all(eta), Rgb::all(k)).r;
     for (eta, k) in [(0.18, 3.42), (1.37, 1.77), (0.05, 4.2), (2.9, 3.0), (1.0, 1e-3)] {
         let normal = ((eta - 1f64).powi(2) + k * k) / ((eta + 1f64).powi(2) + k * k);
         assert!((one(1.0, eta, k) - normal).abs() < 1e-12);
@@ -378,7 +419,7 @@ fn fresnel_of_conductors() {
         let oracle = complex_fresnel(cos as f64, eta as f64, k as f64);
         let double = one(cos as f64, eta as f64, k as f64);
         assert!((double - oracle).abs() < 1e-10, "cos {cos}, eta {eta}, k {k}: {double}, not {oracle}");
-        let fast = fresnel::conductor(cos, Vec3::all(eta), Vec3::all(k)).x;
+        let fast = fresnel::conductor(cos, Rgb::all(eta), Rgb::all(k)).r;
         assert!((fast as f64 - oracle).abs() < 1e-5, "cos {cos}, eta {eta}, k {k}: {fast}, not {oracle}");
         // What a metal absorbs is a small number that mirrors see many times.
         if k > 2.0 && cos > 0.1 {
@@ -400,16 +441,16 @@ const TINTS: ([f32; 3], [f32; 3]) = ([1.0, 0.5, 0.25], [0.9, 0.8, 0.125]);
 fn assert_dielectric<F: Scalar>(eta: f64, cos: f64, rounding: f64) {
     let what = format!("index {eta}, cos {cos}");
     let eta = eta as f32 as f64;
-    let bsdf = bsdf::<DielectricMaterial, F>(dielectric::row(eta as f32, TINTS.0, TINTS.1));
+    let bsdf = bsdf::<Dielectric, F>(dielectric(eta as f32, TINTS.0, TINTS.1));
     let wo = single(normalize([direction(cos.abs())[0], direction(cos.abs())[1], cos]));
     let relative = if wo[2] > 0.0 { eta } else { 1.0 / eta };
     let want = complex_fresnel(wo[2].abs(), relative, 0.0);
     let mut random = Random::new(9);
     let mut reflected = Mean::default();
     for _ in 0..10_000 {
-        let s = bsdf.sample(lanes(wo), [F::lit(random.unit()), F::lit(random.unit())]);
+        let s = draw(&bsdf, wo, &mut random);
         assert!(s.valid && s.pdf.into() == 0.0);
-        let (wi, weight, scale): (_, _, f64) = (array(s.wi), array(s.weight), s.eta_scale.into());
+        let (wi, weight, scale): (_, _, f64) = (array(s.wi), channels(s.weight), s.eta_scale.into());
         assert!((dot(wi, wi) - 1.0).abs() < 4.0 * rounding);
         let reflects = wi[2] * wo[2] > 0.0;
         reflected.add(reflects as u8 as f64);
@@ -436,7 +477,7 @@ fn assert_dielectric<F: Scalar>(eta: f64, cos: f64, rounding: f64) {
         }
         // Back again: the same way out, and all scaling undone.
         let back_wo = s.wi;
-        let back = (0..).map(|_| bsdf.sample(back_wo, [F::lit(random.unit()), F::zero()]));
+        let back = (0..).map(|_| bsdf.sample(back_wo, F::lit(random.unit()), [F::zero(); 2]));
         let back = back.into_iter().find(|b| b.wi.z.into() * wi[2] < 0.0).unwrap();
         let product: f64 = (s.eta_scale * back.eta_scale).into();
         assert!((product - 1.0).abs() < 4.0 * rounding, "{what}: there and back {product}");
@@ -445,7 +486,7 @@ fn assert_dielectric<F: Scalar>(eta: f64, cos: f64, rounding: f64) {
             (0..3).all(|k| (there[k] - out[k]).abs() < 40.0 * rounding / wo[2].abs().max(0.05)),
             "{what}: {there:?}, {out:?}"
         );
-        for (there, (out, tint)) in weight.into_iter().zip(array(back.weight).into_iter().zip(TINTS.1)) {
+        for (there, (out, tint)) in weight.into_iter().zip(channels(back.weight).into_iter().zip(TINTS.1)) {
             let ratio = there * out / (tint as f64).powi(2);
             assert!((ratio - 1.0).abs() < 8.0 * rounding, "{what}: {ratio}");
         }
@@ -465,11 +506,11 @@ fn dielectric_reflects_by_fresnel_and_refracts_by_snell() {
 
 #[test]
 fn index_one_is_not_there() {
-    let bsdf = bsdf::<DielectricMaterial, f32>(dielectric::row(1.0, [1.0; 3], [1.0; 3]));
+    let bsdf = bsdf::<Dielectric, f32>(dielectric(1.0, [1.0; 3], [1.0; 3]));
     let mut random = Random::new(10);
     for _ in 0..1_000 {
         let wo = single(random.direction());
-        let s = bsdf.sample(lanes(wo), [random.unit() as f32, 0.5]);
+        let s = bsdf.sample(lanes(wo), random.unit() as f32, [0.5; 2]);
         let wi = array(s.wi);
         assert!((0..3).all(|k| (wi[k] + wo[k]).abs() < 3e-7), "{wo:?} to {wi:?}");
         assert!(s.valid && s.weight.lane(0) == [1.0; 3] && s.eta_scale == 1.0);
@@ -480,7 +521,7 @@ fn index_one_is_not_there() {
 fn thin_dielectric_reflects_all_orders() {
     let mut random = Random::new(11);
     for eta in [1.5f32, 1.1, 2.4, 1.0 / 1.5] {
-        let bsdf = bsdf::<ThinDielectricMaterial, f32>(thin_dielectric::row(eta));
+        let bsdf = bsdf::<ThinDielectric, f32>(thin_dielectric(eta));
         for cos in [1.0f64, 0.6, 0.2, -0.05, -0.6] {
             let wo = single([(1.0 - cos * cos).sqrt(), 0.0, cos]);
             // The series: R + T R T + T R^3 T + ...
@@ -488,7 +529,7 @@ fn thin_dielectric_reflects_all_orders() {
             let t = 1.0 - r;
             let want = (0..200).fold(r, |sum, n| sum + t * t * r.powi(2 * n + 1));
             let mean = Mean::of((0..20_000).map(|_| {
-                let s = bsdf.sample(lanes(wo), [random.unit() as f32, random.unit() as f32]);
+                let s = draw(&bsdf, wo, &mut random);
                 assert!(s.valid && s.pdf == 0.0 && s.eta_scale == 1.0 && s.weight.lane(0) == [1.0; 3]);
                 let wi = array(s.wi);
                 assert!(wi[0] == -wo[0] && wi[2].abs() == wo[2].abs());
@@ -500,8 +541,8 @@ fn thin_dielectric_reflects_all_orders() {
 }
 
 /// Single precision against double, for the same directions: relative error of value and density.
-fn assert_precise<M: Material>(what: &str, row: [f32; 8], tolerance: f64) {
-    let (fast, double) = (bsdf::<M, f32>(row), bsdf::<M, f64>(row));
+fn assert_precise<M: Material>(what: &str, material: M, tolerance: f64) {
+    let (fast, double) = (bsdf::<M, f32>(material), bsdf::<M, f64>(material));
     let mut random = Random::new(12);
     for _ in 0..50_000 {
         let wo = single(direction(random.magnitude(1e-5, 1.0)));
@@ -509,7 +550,7 @@ fn assert_precise<M: Material>(what: &str, row: [f32; 8], tolerance: f64) {
             let [x, y, z] = random.direction();
             single([x, y, z.abs()])
         } else {
-            let s = double.sample(lanes(wo), [random.unit(), random.unit()]);
+            let s = draw(&double, wo, &mut random);
             if !s.valid {
                 continue;
             }
@@ -520,7 +561,7 @@ fn assert_precise<M: Material>(what: &str, row: [f32; 8], tolerance: f64) {
         }
         let (f, g) = (fast.pdf(lanes(wo), lanes(wi)) as f64, double.pdf(lanes(wo), lanes(wi)));
         assert!((f - g).abs() <= tolerance * g, "{what}: density {f}, not {g}, for {wo:?}, {wi:?}");
-        let (f, g) = (array(fast.eval(lanes(wo), lanes(wi))), array(double.eval(lanes(wo), lanes(wi))));
+        let (f, g) = (channels(fast.eval(lanes(wo), lanes(wi))), channels(double.eval(lanes(wo), lanes(wi))));
         for c in 0..3 {
             assert!(
                 (f[c] - g[c]).abs() <= tolerance * g[c],
@@ -532,29 +573,25 @@ fn assert_precise<M: Material>(what: &str, row: [f32; 8], tolerance: f64) {
 
 #[test]
 fn single_precision_is_enough() {
-    assert_precise::<LambertMaterial>("Lambert", lambert::row([0.2, 0.5, 1.0]), 1e-6);
+    assert_precise::<Lambert>("Lambert", lambert([0.2, 0.5, 1.0]), 1e-6);
     for sigma in SIGMAS {
-        assert_precise::<OrenNayarMaterial>("Oren-Nayar", oren_nayar::row([0.2, 0.5, 1.0], sigma), 1e-6);
+        assert_precise::<OrenNayar>("Oren-Nayar", oren_nayar([0.2, 0.5, 1.0], sigma), 1e-6);
     }
     for alpha in [1e-3, 0.01, 0.1, 0.3, 1.0] {
         // Rounding of the half vector (1e-7), relative to the width of the lobe.
         let tolerance = 2e-6 + 8e-7 / alpha as f64;
-        assert_precise::<RoughConductorMaterial>(
-            &format!("rough conductor {alpha}"),
-            rough(alpha),
-            tolerance,
-        );
+        assert_precise::<RoughConductor>(&format!("rough conductor {alpha}"), rough(alpha), tolerance);
     }
 }
 
 /// Corners of the unit square and grazing directions: whatever is valid is finite.
-fn assert_finite<M: Material>(what: &str, row: [f32; 8]) {
-    let bsdf = bsdf::<M, f32>(row);
+fn assert_finite<M: Material>(what: &str, material: M) {
+    let bsdf = bsdf::<M, f32>(material);
     let corner = [0.0, 1.0 / 16_777_216.0, 0.25, 0.5, 0.75, 1.0 - 1.0 / 16_777_216.0];
     for cos in [1.0, 1.0 - 1e-7, 0.5, 1e-3, 1e-5, 1e-7, 1e-12, 1e-30, 0.0] {
         for (u, v) in corner.iter().flat_map(|&u| corner.map(|v| (u as f32, v as f32))) {
             let wo = direction(cos);
-            let s = bsdf.sample(lanes(wo), [u, v]);
+            let s = bsdf.sample(lanes(wo), u, [u, v]);
             if !s.valid {
                 continue;
             }
@@ -576,18 +613,15 @@ fn assert_finite<M: Material>(what: &str, row: [f32; 8]) {
 
 #[test]
 fn extremes_stay_finite() {
-    assert_finite::<LambertMaterial>("Lambert", lambert::row([1.0; 3]));
-    assert_finite::<OrenNayarMaterial>("Oren-Nayar", oren_nayar::row([1.0; 3], 60.0));
-    assert_finite::<ConductorMaterial>("conductor", conductor::row(GOLD.0, GOLD.1));
+    assert_finite::<Lambert>("Lambert", lambert([1.0; 3]));
+    assert_finite::<OrenNayar>("Oren-Nayar", oren_nayar([1.0; 3], 60.0));
+    assert_finite::<Conductor>("conductor", conductor(GOLD.0, GOLD.1));
     for alpha in [1e-3, 1e-2, 0.1, 1.0] {
-        assert_finite::<RoughConductorMaterial>(&format!("rough conductor {alpha}"), rough(alpha));
+        assert_finite::<RoughConductor>(&format!("rough conductor {alpha}"), rough(alpha));
     }
     for eta in [1.5, 0.1, 1.0, 1.0001, 10.0] {
-        assert_finite::<DielectricMaterial>(
-            &format!("dielectric {eta}"),
-            dielectric::row(eta, [1.0; 3], [1.0; 3]),
-        );
-        assert_finite::<ThinDielectricMaterial>(&format!("thin {eta}"), thin_dielectric::row(eta));
+        assert_finite::<Dielectric>(&format!("dielectric {eta}"), dielectric(eta, [1.0; 3], [1.0; 3]));
+        assert_finite::<ThinDielectric>(&format!("thin {eta}"), thin_dielectric(eta));
     }
 }
 
@@ -598,17 +632,17 @@ fn wide_lanes_scatter_to_the_same_bits() {
         type Output = ();
         #[inline(always)]
         fn run<I: Isa>(self, _: I) {
-            compare::<I::Wide, I::One, LambertMaterial>(lambert::row([0.2, 0.5, 1.0]));
-            compare::<I::Wide, I::One, OrenNayarMaterial>(oren_nayar::row([0.2, 0.5, 1.0], 20.0));
-            compare::<I::Wide, I::One, ConductorMaterial>(conductor::row(GOLD.0, GOLD.1));
-            compare::<I::Wide, I::One, RoughConductorMaterial>(rough(0.2));
-            compare::<I::Wide, I::One, DielectricMaterial>(dielectric::row(1.5, TINTS.0, TINTS.1));
-            compare::<I::Wide, I::One, ThinDielectricMaterial>(thin_dielectric::row(1.5));
+            compare::<I::Wide, I::One, Lambert>(lambert([0.2, 0.5, 1.0]));
+            compare::<I::Wide, I::One, OrenNayar>(oren_nayar([0.2, 0.5, 1.0], 20.0));
+            compare::<I::Wide, I::One, Conductor>(conductor(GOLD.0, GOLD.1));
+            compare::<I::Wide, I::One, RoughConductor>(rough(0.2));
+            compare::<I::Wide, I::One, Dielectric>(dielectric(1.5, TINTS.0, TINTS.1));
+            compare::<I::Wide, I::One, ThinDielectric>(thin_dielectric(1.5));
         }
     }
     #[inline(always)]
-    fn compare<W: Real, O: Real, M: Material>(row: [f32; 8]) {
-        let (wide, one) = (bsdf::<M, W>(row), bsdf::<M, O>(row));
+    fn compare<W: Real, O: Real, M: Material>(material: M) {
+        let (wide, one) = (bsdf::<M, W>(material), bsdf::<M, O>(material));
         let mut random = Random::new(13);
         for _ in 0..500 {
             let wo: [[f64; 3]; 16] = core::array::from_fn(|_| random.direction());
@@ -616,11 +650,12 @@ fn wide_lanes_scatter_to_the_same_bits() {
             let pack = |f: &dyn Fn(usize) -> f32| W::load(&core::array::from_fn::<f32, 16, _>(f), 0);
             let wo_wide =
                 Vec3::new(pack(&|i| wo[i][0] as f32), pack(&|i| wo[i][1] as f32), pack(&|i| wo[i][2] as f32));
-            let many = wide.sample(wo_wide, [pack(&|i| u[i][0]), pack(&|i| u[i][1])]);
+            let lobe = pack(&|i| 1.0 - u[i][0]);
+            let many = wide.sample(wo_wide, lobe, [pack(&|i| u[i][0]), pack(&|i| u[i][1])]);
             let (eval, pdf) = (wide.eval(wo_wide, many.wi), wide.pdf(wo_wide, many.wi).to_array());
             for i in 0..W::LANES {
                 let wo = lanes::<O>(wo[i]);
-                let s = one.sample(wo, [O::splat(u[i][0]), O::splat(u[i][1])]);
+                let s = one.sample(wo, O::splat(1.0 - u[i][0]), [O::splat(u[i][0]), O::splat(u[i][1])]);
                 assert_eq!(many.valid.bits() >> i & 1 == 1, s.valid.any());
                 if !s.valid.any() {
                     continue;
@@ -635,4 +670,83 @@ fn wide_lanes_scatter_to_the_same_bits() {
         }
     }
     Level::available().for_each(|level| level.run(Scatter));
+}
+
+/// Numbers out of range, infinite ones and those that are none are refused, with the names of material and parameter.
+#[test]
+fn bad_parameters_are_refused() {
+    fn refused<M: Material>(material: M) -> (&'static str, BadParameter) {
+        let mut table = MaterialTable::default();
+        table.add(&lambert([0.5; 3])).unwrap();
+        let Err(MaterialError::Parameter { material, problem }) = table.add(&material) else {
+            panic!("taken: {material:?}")
+        };
+        // Nothing is left of it.
+        assert_eq!((table.len(), table.add(&lambert([0.5; 3])).unwrap().row as usize), (1, Lambert::WIDTH));
+        (material, problem)
+    }
+    for bad in [-1.0, 1.5, f32::NAN, f32::INFINITY, -f32::INFINITY] {
+        let (material, problem) = refused(lambert([0.5, bad, 0.5]));
+        assert_eq!((material, problem.parameter), ("lambert", "reflectance"));
+        assert_eq!((problem.found, &problem.expected[..]), (bad.to_string(), "numbers from 0 to 1"));
+        assert_eq!(refused(oren_nayar([0.5; 3], 100.0 * bad)).1.parameter, "sigma");
+    }
+    for bad in [-1.0, f32::NAN, f32::INFINITY] {
+        assert_eq!(refused(conductor([bad; 3], [1.0; 3])).1.parameter, "eta");
+        assert_eq!(refused(rough_conductor([1.0; 3], [bad; 3], 0.1)).1.parameter, "k");
+        assert_eq!(refused(rough_conductor([1.0; 3], [1.0; 3], bad)).1.parameter, "alpha");
+        assert_eq!(refused(dielectric(1.5, [1.0; 3], [bad; 3])).1.parameter, "transmittance");
+    }
+    for bad in [0.0, -1.5, f32::NAN] {
+        assert_eq!(refused(dielectric(bad, [1.0; 3], [1.0; 3])).1.expected, "numbers above 0");
+        assert_eq!(refused(thin_dielectric(bad)).0, "thin_dielectric");
+    }
+    let textured = Lambert { reflectance: Parameter::Texture(TextureId(3)) };
+    assert_eq!(
+        refused(textured).1.to_string(),
+        "reflectance is texture 3, expected a constant: the scene has no such texture"
+    );
+}
+
+/// Rows are as long as their parameters, and the table knows which places are rows of which class.
+#[test]
+fn the_table_knows_its_materials() {
+    let mut table = MaterialTable::default();
+    let handles = [
+        table.add(&lambert([0.1, 0.2, 0.3])).unwrap(),
+        table.add(&rough(0.25)).unwrap(),
+        table.add(&thin_dielectric(1.25)).unwrap(),
+        table.add(&lambert([0.4, 0.5, 0.6])).unwrap(),
+    ];
+    assert_eq!(handles.map(|h| h.row), [0, 3, 10, 11]);
+    assert_eq!((Lambert::CLASS, handles[1].class), (MaterialClass::Lambert, MaterialClass::RoughConductor));
+    for row in 0..20 {
+        for class in MaterialClass::ALL {
+            let handle = MaterialHandle { class, row };
+            let there = class == MaterialClass::Absorber || handles.contains(&handle);
+            assert_eq!(table.contains(handle), there, "{handle:?}");
+        }
+    }
+    // SAFETY: there are such materials in those places.
+    let (colour, pane) = unsafe {
+        (
+            table.evaluate::<Lambert, f32>(Wrapping(11)).reflectance,
+            table.evaluate::<ThinDielectric, f32>(Wrapping(10)).eta,
+        )
+    };
+    assert_eq!((colour.lane(0), pane), ([0.4, 0.5, 0.6], 1.25));
+}
+
+/// What engines and plan ask of the classes is what their lobes say.
+#[test]
+fn classes_need_what_their_lobes_need() {
+    let names = |asks: fn(MaterialClass) -> bool| -> Vec<&str> {
+        MaterialClass::ALL.into_iter().filter(|&class| asks(class)).map(MaterialClass::name).collect()
+    };
+    assert_eq!(names(MaterialClass::samples_lights), ["lambert", "oren_nayar", "rough_conductor"]);
+    assert_eq!(names(MaterialClass::scales_radiance), ["dielectric"]);
+    assert_eq!(MaterialClass::scattering().count(), MaterialClass::COUNT - 1);
+    for (number, class) in MaterialClass::ALL.into_iter().enumerate() {
+        assert_eq!(class as usize, number);
+    }
 }

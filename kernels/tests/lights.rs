@@ -16,13 +16,14 @@ use wavepath_kernels::intersect::{Hit, sphere, test_triangle};
 use wavepath_kernels::lanes::{Real, Uint};
 use wavepath_kernels::light_sample::LightTable;
 use wavepath_kernels::light_sample::lights::{self, LightRow, choose, kind};
-use wavepath_kernels::math::Vec3;
+use wavepath_kernels::math::{Rgb, Vec3};
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol, Stream, stream_seed};
 use wavepath_kernels::scene::{Geometry, MaterialTable, Scene};
-use wavepath_kernels::shade::bsdf::{Bsdf, MaterialRow};
+use wavepath_kernels::shade::bsdf::Bsdf;
 use wavepath_kernels::shade::emission::emitted;
+use wavepath_kernels::shade::materials::{Lambert, Material, RoughConductor};
 use wavepath_kernels::shade::surface::Surface;
-use wavepath_kernels::shade::{Features, Kinds, Vertex, lambert, rough_conductor, scatter};
+use wavepath_kernels::shade::{Features, Kinds, Vertex, scatter};
 
 /// One lane, single or double precision.
 trait Scalar: Real<Mask = bool, Uint = Wrapping<u32>> + Into<f64> {}
@@ -102,7 +103,7 @@ impl Light {
         Sample {
             direction: array(s.direction),
             distance: s.distance.into(),
-            radiance: s.radiance.x.into(),
+            radiance: s.radiance.r.into(),
             pdf: s.pdf.into(),
             valid: s.valid,
         }
@@ -527,11 +528,11 @@ fn lights_without_extent() {
         let x = ((cos - end) / (start - end)).clamp(0.0, 1.0);
         let want = RADIANCE[0] as f64 / d2 * x * x * (3.0 - 2.0 * x);
         let s = sample(&soft, origin);
-        let got = if s.valid { s.radiance.x as f64 } else { 0.0 };
+        let got = if s.valid { s.radiance.r as f64 } else { 0.0 };
         assert!((got - want).abs() < 1e-5 * RADIANCE[0] as f64 / d2, "{got}, not {want}");
         let s = sample(&sharp, origin);
         if (cos - end).abs() > 1e-6 {
-            assert_eq!(s.valid && s.radiance.x > 0.0, cos > end);
+            assert_eq!(s.valid && s.radiance.r > 0.0, cos > end);
         }
     }
     assert!(!sample(&point, wide(position)).valid, "at the point light itself");
@@ -652,9 +653,7 @@ impl<const LIGHTS: u32, S: Sampler> Features for Plan<LIGHTS, S> {
     type Specular = Self;
 }
 
-fn scene_of(light: &Light, material: [f32; 8]) -> Scene {
-    let mut materials = MaterialTable::default();
-    materials.push(material);
+fn scene_of(light: &Light, materials: MaterialTable) -> Scene {
     let axis = || FilterAxis::constant(0.5);
     let camera = Camera {
         origin: [0.0; 3],
@@ -676,10 +675,12 @@ fn scene_of(light: &Light, material: [f32; 8]) -> Scene {
 
 /// Light that a surface at the origin, seen from `wo`, reflects from one light: shadow ray and scattered ray of the
 /// path step together.
-fn reflected<B: Bsdf<f32>, P: Features>(light: &Light, material: [f32; 8], wo: [f64; 3]) -> Mean {
-    let scene = scene_of(light, material);
-    // SAFETY: material 0 exists.
-    let bsdf = B::load(unsafe { MaterialRow::new(&scene.materials, Wrapping(0)) });
+fn reflected<M: Material, P: Features>(light: &Light, material: M, wo: [f64; 3]) -> Mean {
+    let mut materials = MaterialTable::default();
+    let handle = materials.add(&material).unwrap();
+    let scene = scene_of(light, materials);
+    // SAFETY: the table has this material.
+    let bsdf = M::bsdf::<f32>(unsafe { scene.materials.evaluate::<M, f32>(Wrapping(handle.row)) });
     let up = Vec3::new(0.0, 0.0, 1.0);
     // A size of 0: rays start at the origin itself, so that analytic values are exact.
     let surface = Surface { point: Vec3::zero(), normal: up, shading_normal: up, size: 0.0f32 };
@@ -688,14 +689,14 @@ fn reflected<B: Bsdf<f32>, P: Features>(light: &Light, material: [f32; 8], wo: [
         let vertex = Vertex {
             surface,
             direction: -lanes::<f32>(wo),
-            throughput: Vec3::all(1.0),
+            throughput: Rgb::all(1.0),
             eta_scale: 1.0,
             stream,
             depth: Wrapping(0),
         };
-        let out = scatter::<f32, B, P>(&scene, &vertex, &bsdf);
-        let mut sum = if out.shadow.valid { out.shadow.radiance.x as f64 } else { 0.0 };
-        if out.throughput.x > 0.0 {
+        let out = scatter::<f32, M::Bsdf<f32>, P>(&scene, &vertex, &bsdf);
+        let mut sum = if out.shadow.valid { out.shadow.radiance.r as f64 } else { 0.0 };
+        if out.throughput.r > 0.0 {
             let d = array(out.direction);
             if let Some((t, n)) = light.meet([0.0; 3], d) {
                 // SAFETY: light 0 exists.
@@ -710,7 +711,7 @@ fn reflected<B: Bsdf<f32>, P: Features>(light: &Light, material: [f32; 8], wo: [
                         out.pdf,
                     )
                 };
-                sum += (out.throughput.x * found.x) as f64;
+                sum += (out.throughput.r * found.r) as f64;
             }
         }
         sum
@@ -721,9 +722,8 @@ fn reflected<B: Bsdf<f32>, P: Features>(light: &Light, material: [f32; 8], wo: [
 /// its full weight.
 #[test]
 fn a_sphere_around_everything_is_left_to_the_bsdf() {
-    use wavepath_kernels::shade::lambert::Lambert;
     let mut random = Random::new(10);
-    let grey = lambert::row([0.5; 3]);
+    let grey = Lambert { reflectance: [0.5; 3].into() };
     let wo = normalize([0.5, 0.1, 0.6]);
     for origin in WITHIN {
         for (radius, two_sided) in [(-1.0, false), (1.0, true), (1.0, false)] {
@@ -739,9 +739,9 @@ fn a_sphere_around_everything_is_left_to_the_bsdf() {
             let shines = radius < 0.0 || two_sided;
             let want = if shines { 0.5 * RADIANCE[0] as f64 } else { 0.0 };
             let what = format!("Lambert at {origin:?} within radius {radius}, two-sided {two_sided}");
-            reflected::<Lambert<f32>, Plan<{ kind::ALL }, Independent>>(&light, grey, wo)
+            reflected::<Lambert, Plan<{ kind::ALL }, Independent>>(&light, grey, wo)
                 .assert_near(&what, want, 1e-6);
-            reflected::<Lambert<f32>, Plan<{ kind::SPHERE }, Sobol>>(&light, grey, wo)
+            reflected::<Lambert, Plan<{ kind::SPHERE }, Sobol>>(&light, grey, wo)
                 .assert_near(&what, want, 1e-6);
         }
     }
@@ -749,11 +749,10 @@ fn a_sphere_around_everything_is_left_to_the_bsdf() {
 
 #[test]
 fn both_strategies_together_are_unbiased() {
-    use wavepath_kernels::shade::{lambert::Lambert, rough_conductor::RoughConductor};
     let wo = normalize([0.5, 0.1, 0.6]);
     let wo = wide(narrow(wo));
     let radiance = RADIANCE[0] as f64;
-    let grey = lambert::row([0.5; 3]);
+    let grey = Lambert { reflectance: [0.5; 3].into() };
     for (shape, two_sided) in [
         (Sphere([0.0, 0.0, 1.2], 1.0), false),
         (Sphere([0.3, 0.4, 5.0], 1.0), false),
@@ -777,30 +776,29 @@ fn both_strategies_together_are_unbiased() {
         };
         let want = quadrature(&|d| 0.5 / PI * d[2]);
         let what = format!("Lambert under {shape:?}");
-        let lambert =
-            |light: &Light| reflected::<Lambert<f32>, Plan<{ kind::ALL }, Independent>>(light, grey, wo);
+        let lambert = |light: &Light| reflected::<Lambert, Plan<{ kind::ALL }, Independent>>(light, grey, wo);
         lambert(&light).assert_near(&what, want, 2e-4);
-        reflected::<Lambert<f32>, Plan<{ kind::ALL }, Sobol>>(&light, grey, wo)
-            .assert_near(&what, want, 2e-4);
+        reflected::<Lambert, Plan<{ kind::ALL }, Sobol>>(&light, grey, wo).assert_near(&what, want, 2e-4);
         if let Sphere(..) = shape {
             // As scenes with nothing but such spheres are rendered, and by area.
-            reflected::<Lambert<f32>, Plan<{ kind::SPHERE }, Sobol>>(&light, grey, wo)
+            reflected::<Lambert, Plan<{ kind::SPHERE }, Sobol>>(&light, grey, wo)
                 .assert_near(&what, want, 2e-4);
             lambert(&Light::new(by_area(shape), two_sided)).assert_near(&format!("{what}, area"), want, 2e-4);
         }
         // Without light sampling: the same, more noise.
-        let alone = reflected::<Lambert<f32>, Plan<0, Independent>>(&light, grey, wo);
+        let alone = reflected::<Lambert, Plan<0, Independent>>(&light, grey, wo);
         if want > 0.01 {
             alone.assert_near(&format!("{what}, BSDF alone"), want, 2e-4);
         }
         for alpha in [0.05, 0.3] {
-            let row = rough_conductor::row([0.2; 3], [3.0; 3], alpha);
+            let rough = RoughConductor { eta: [0.2; 3].into(), k: [3.0; 3].into(), alpha: alpha.into() };
             let mut table = MaterialTable::default();
-            table.push(row);
-            // SAFETY: material 0 exists.
-            let oracle = RoughConductor::<f64>::load(unsafe { MaterialRow::new(&table, Wrapping(0)) });
-            let want = quadrature(&|d| oracle.eval(lanes(wo), lanes(d)).x);
-            let got = reflected::<RoughConductor<f32>, Plan<{ kind::ALL }, Independent>>(&light, row, wo);
+            let row = table.add(&rough).unwrap().row;
+            // SAFETY: the table has this material.
+            let oracle =
+                RoughConductor::bsdf::<f64>(unsafe { table.evaluate::<RoughConductor, f64>(Wrapping(row)) });
+            let want = quadrature(&|d| oracle.eval(lanes(wo), lanes(d)).r);
+            let got = reflected::<RoughConductor, Plan<{ kind::ALL }, Independent>>(&light, rough, wo);
             got.assert_near(&format!("rough conductor {alpha} under {shape:?}"), want, 1e-3);
         }
     }

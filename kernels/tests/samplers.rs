@@ -6,7 +6,10 @@ use core::num::Wrapping;
 use statistics::{Mean, assert_chi_squared, assert_distributed, chi_squared_statistic};
 use wavepath_kernels::isa::{Isa, Kernel, Level};
 use wavepath_kernels::lanes::{Real, Uint};
-use wavepath_kernels::sampler::{Independent, Sampler, Sobol, Stream, stream_seed};
+use wavepath_kernels::queue::MAX_DEPTH;
+use wavepath_kernels::sampler::{
+    Independent, Sampler, Sobol, Stream, dimension, stream_seed, vertex_dimension,
+};
 
 fn stream(pixel: u32, replicate: u32, index: u32) -> Stream<Wrapping<u32>> {
     Stream { seed: stream_seed(7, Wrapping(pixel), replicate), index: Wrapping(index) }
@@ -32,6 +35,24 @@ fn assert_net(points: &[[u32; 2]], what: &str) {
             seen[cell] = a;
         }
     }
+}
+
+/// No two purposes of any two vertices share a dimension, nor with the camera, and the first ones are where they were
+/// before there were others.
+#[test]
+fn dimensions_do_not_meet() {
+    use dimension::{BSDF, FILTER, LENS, LIGHT, LIGHT_CHOICE, LOBE, ROULETTE};
+    let mut all = vec![FILTER, LENS];
+    for depth in 0..=MAX_DEPTH + 1 {
+        let purposes = [BSDF, LIGHT, LIGHT_CHOICE, ROULETTE, LOBE];
+        let own = purposes.map(|purpose| vertex_dimension(Wrapping(depth), purpose).0);
+        assert_eq!(own[..4], [2, 3, 4, 5].map(|first| 4 * depth + first));
+        all.extend(own);
+    }
+    let count = all.len();
+    all.sort_unstable();
+    all.dedup();
+    assert_eq!(all.len(), count);
 }
 
 #[test]

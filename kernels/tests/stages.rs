@@ -13,7 +13,7 @@ use wavepath_kernels::queue::{
 };
 use wavepath_kernels::roulette_compact::{FIRST_ROULETTE, RouletteCompact};
 use wavepath_kernels::sampler::{Sobol, stream_seed};
-use wavepath_kernels::scene::{MISS, MaterialClass, PrimitiveTag};
+use wavepath_kernels::scene::{MISS, MaterialClass, MaterialHandle, PrimitiveTag};
 
 fn all() -> Requirements {
     Requirements { transmission: true, smooth_normals: true, light_sampling: true, filter_weights: true }
@@ -24,7 +24,10 @@ fn material_sort_is_a_stable_partition() {
     let mut random = Random::new(1);
     let tags: Vec<u32> = MaterialClass::ALL
         .iter()
-        .flat_map(|&class| [PrimitiveTag::material(class, 5).0, PrimitiveTag::light(class, 3).0])
+        .flat_map(|&class| {
+            let material = MaterialHandle { class, row: 5 };
+            [PrimitiveTag::material(material).0, PrimitiveTag::light(class, 3).0]
+        })
         .collect();
     for n in [0, 1, 7, 16, 17, 1000, 4096] {
         let max_depth = 5;

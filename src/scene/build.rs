@@ -7,9 +7,9 @@ use wavepath_kernels::light_sample::LightTable;
 use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::queue::MAX_DEPTH;
 use wavepath_kernels::scene::{
-    Geometry, MaterialClass, MaterialTable, PrimitiveTag, Quadric, QuadricForm, Scene,
+    Geometry, MaterialHandle, MaterialTable, PrimitiveTag, Quadric, QuadricForm, Scene,
 };
-use wavepath_kernels::shade;
+use wavepath_kernels::shade::materials as m;
 
 /// How the light of spheres is sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,6 +32,14 @@ pub enum BuildError {
         /// What was found.
         what: String,
     },
+    /// A parameter of a material is not what it may be.
+    #[error("material {material}: {problem}")]
+    Parameter {
+        /// Number of the material.
+        material: u32,
+        /// Which parameter, and why.
+        problem: m::MaterialError,
+    },
     /// The scene holds more of something than can be numbered.
     #[error("the scene has {found} {what}; at most {limit} are supported")]
     TooMany {
@@ -45,14 +53,10 @@ pub enum BuildError {
 }
 
 /// Most primitives of a scene.
-const MAX_PRIMITIVES: usize = 1 << PrimitiveTag::ID_BITS;
+const MAX_PRIMITIVES: usize = 1 << 27;
 
-/// A material on its way into the tables.
-#[derive(Clone, Copy)]
-struct BuiltMaterial {
-    class: MaterialClass,
-    id: u32,
-}
+/// Most lights of a scene: as many as a [`PrimitiveTag`] can tell apart.
+const MAX_LIGHTS: usize = 1 << PrimitiveTag::ID_BITS;
 
 /// Builds the tables.
 ///
@@ -168,7 +172,7 @@ struct Builder<'a> {
     description: &'a d::SceneDescription,
     spherical: SphericalLights,
     materials: MaterialTable,
-    built: Vec<BuiltMaterial>,
+    built: Vec<MaterialHandle>,
     geometry: Geometry,
     lights: LightTable,
     powers: Vec<f64>,
@@ -192,65 +196,57 @@ fn brightness(rgb: d::Rgb) -> f64 {
 impl Builder<'_> {
     fn check_size(&self) -> Result<(), BuildError> {
         let d = self.description;
-        let primitives: usize = d
-            .shapes
-            .iter()
-            .map(|s| match s.geometry {
-                d::Geometry::Mesh(id) => d.meshes[id.0 as usize].triangles.len(),
-                _ => 1,
-            })
-            .sum();
+        let count = |shape: &d::Shape| match shape.geometry {
+            d::Geometry::Mesh(id) => d.meshes[id.0 as usize].triangles.len(),
+            _ => 1,
+        };
+        let primitives: usize = d.shapes.iter().map(count).sum();
+        let emitters: usize = d.shapes.iter().filter(|s| Self::emission(s).is_some()).map(count).sum();
         let check = |what, found, limit| {
             if found > limit { Err(BuildError::TooMany { what, found, limit }) } else { Ok(()) }
         };
         check("primitives", primitives, MAX_PRIMITIVES)?;
-        check("materials", d.materials.len(), MAX_PRIMITIVES)?;
+        check("lights", emitters + d.lights.len(), MAX_LIGHTS)?;
         let vertices = d.meshes.iter().map(|m| m.positions.len()).sum();
         check("vertices", vertices, u32::MAX as usize / 4)
     }
 
     fn materials(&mut self) -> Result<(), BuildError> {
         for (number, material) in self.description.materials.iter().enumerate() {
-            let unsupported = |what: String| BuildError::Material { material: number as u32, what };
-            let (class, row) = match *material {
-                d::Material::Diffuse { reflectance: [0.0, 0.0, 0.0], .. } => {
-                    (MaterialClass::Absorber, [0.0; 8])
-                }
-                d::Material::Diffuse { reflectance, sigma } => {
-                    if sigma == 0.0 {
-                        (MaterialClass::Lambert, shade::lambert::row(reflectance))
-                    } else {
-                        (MaterialClass::OrenNayar, shade::oren_nayar::row(reflectance, sigma))
-                    }
-                }
-                d::Material::Conductor { eta, k, alpha: [0.0, 0.0] } => {
-                    (MaterialClass::Conductor, shade::conductor::row(eta, k))
-                }
-                d::Material::Conductor { eta, k, alpha: [u, v] } => {
-                    if u != v {
-                        return Err(unsupported(format!(
-                            "anisotropic roughness (alpha {u} along u, {v} along v)"
-                        )));
-                    }
-                    (MaterialClass::RoughConductor, shade::rough_conductor::row(eta, k, u))
-                }
-                d::Material::Dielectric { eta, reflectance, transmittance } => {
-                    (MaterialClass::Dielectric, shade::dielectric::row(eta, reflectance, transmittance))
-                }
-                d::Material::ThinDielectric { eta } => {
-                    (MaterialClass::ThinDielectric, shade::thin_dielectric::row(eta))
-                }
-            };
-            let id = self.materials.push(row);
-            self.built.push(BuiltMaterial { class, id });
+            let handle = self.material(number as u32, *material)?;
+            self.built.push(handle);
         }
         Ok(())
     }
 
+    /// Adds a material to the table: the simplest one that does what the description says.
+    fn material(&mut self, number: u32, material: d::Material) -> Result<MaterialHandle, BuildError> {
+        const BLACK: d::Parameter<d::Rgb> = d::Parameter::Constant([0.0; 3]);
+        const ZERO: d::Parameter<f32> = d::Parameter::Constant(0.0);
+        let table = &mut self.materials;
+        match material {
+            d::Material::Diffuse { reflectance: BLACK, .. } => Ok(MaterialHandle::ABSORBER),
+            d::Material::Diffuse { reflectance, sigma: ZERO } => table.add(&m::Lambert { reflectance }),
+            d::Material::Diffuse { reflectance, sigma } => table.add(&m::OrenNayar { reflectance, sigma }),
+            d::Material::Conductor { eta, k, alpha: [ZERO, ZERO] } => table.add(&m::Conductor { eta, k }),
+            d::Material::Conductor { eta, k, alpha: [alpha, along_v] } => {
+                if alpha != along_v {
+                    let what = format!("anisotropic roughness (alpha {alpha} along u, {along_v} along v)");
+                    return Err(BuildError::Material { material: number, what });
+                }
+                table.add(&m::RoughConductor { eta, k, alpha })
+            }
+            d::Material::Dielectric { eta, reflectance, transmittance } => {
+                table.add(&m::Dielectric { eta, reflectance, transmittance })
+            }
+            d::Material::ThinDielectric { eta } => table.add(&m::ThinDielectric { eta }),
+        }
+        .map_err(|problem| BuildError::Parameter { material: number, problem })
+    }
+
     /// The tag of a primitive that does not emit.
     fn tag(&self, shape: &d::Shape) -> PrimitiveTag {
-        let m = self.built[shape.material.0 as usize];
-        PrimitiveTag::material(m.class, m.id)
+        PrimitiveTag::material(self.built[shape.material.0 as usize])
     }
 
     /// Adds a light for an emitting primitive of a certain area and returns the primitive's tag.
@@ -270,7 +266,7 @@ impl Builder<'_> {
         row[..3].copy_from_slice(&radiance);
         row[4] = emission.two_sided as u8 as f32;
         row[5..].copy_from_slice(&geometry);
-        let id = self.lights.push(kind, row, material.id);
+        let id = self.lights.push(kind, row, material.row);
         self.powers.push(brightness(radiance) * area * sides * std::f64::consts::PI);
         PrimitiveTag::light(material.class, id)
     }
@@ -537,4 +533,37 @@ fn scene_radius(geometry: &Geometry) -> f64 {
         high = high.max(DVec3::from(b.map(f64::from)));
     }
     if low.x <= high.x { (0.5 * (high - low).length()).max(1e-30) } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error_of(material: d::Material) -> String {
+        let fine = d::Material::Diffuse { reflectance: [0.5; 3].into(), sigma: 0.0.into() };
+        let description =
+            d::SceneDescription { materials: vec![fine, material], ..d::SceneDescription::default() };
+        build(&description, SphericalLights::Cone).expect_err("refused").to_string()
+    }
+
+    #[test]
+    fn a_bad_material_is_named() {
+        let diffuse = |x: f32| d::Material::Diffuse { reflectance: [0.5, x, 0.5].into(), sigma: 0.0.into() };
+        for (x, found) in [(-1.0, "-1"), (f32::NAN, "NaN"), (2.0, "2"), (f32::INFINITY, "inf")] {
+            let want = format!("material 1: lambert: reflectance is {found}, expected numbers from 0 to 1");
+            assert_eq!(error_of(diffuse(x)), want);
+        }
+        let rough = |alpha: [f32; 2]| d::Material::Conductor {
+            eta: [1.0; 3].into(),
+            k: [1.0; 3].into(),
+            alpha: alpha.map(d::Parameter::Constant),
+        };
+        assert_eq!(
+            error_of(rough([f32::INFINITY; 2])),
+            "material 1: rough_conductor: alpha is inf, expected numbers at least 0.001"
+        );
+        assert!(error_of(rough([0.1, 0.2])).contains("anisotropic"));
+        let textured = d::Material::ThinDielectric { eta: d::Parameter::Texture(d::TextureId(0)) };
+        assert!(error_of(textured).contains("eta is texture 0"));
+    }
 }

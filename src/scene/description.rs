@@ -7,6 +7,7 @@
 use glam::{DAffine3, DVec3};
 use wavepath_engine::SamplerKind;
 use wavepath_engine::film::Frame;
+pub use wavepath_kernels::shade::parameters::{Parameter, TextureId};
 
 /// Linear RGB, not clamped. Radiance in W/(m^2 sr) where it is emitted light, dimensionless where it is a reflectance.
 pub type Rgb = [f32; 3];
@@ -226,38 +227,38 @@ pub struct Emission {
     pub two_sided: bool,
 }
 
-/// What a surface is made of.
+/// What a surface is made of. Each parameter is a constant or a texture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Material {
-    /// Lambert, or Oren-Nayar (qualitative model, 1994) where `sigma` is above 0.
+    /// Lambert, or Oren-Nayar (qualitative model, 1994) where `sigma` is not 0.
     Diffuse {
         /// Albedo, each channel in [0, 1].
-        reflectance: Rgb,
+        reflectance: Parameter<Rgb>,
         /// Standard deviation of the facets' slope, in degrees.
-        sigma: f32,
+        sigma: Parameter<f32>,
     },
     /// Conductor with complex index of refraction; GGX where rough.
     Conductor {
         /// Real part of the index.
-        eta: Rgb,
+        eta: Parameter<Rgb>,
         /// Absorption coefficient.
-        k: Rgb,
+        k: Parameter<Rgb>,
         /// GGX alpha along u and v, remapping applied; `[0, 0]` is smooth.
-        alpha: [f32; 2],
+        alpha: [Parameter<f32>; 2],
     },
     /// Smooth dielectric with Fresnel reflection and refraction.
     Dielectric {
         /// Index inside over index outside (outside: where the normal points).
-        eta: f32,
+        eta: Parameter<f32>,
         /// Tint of reflected light (v3 `Kr`), 1 in pbrt-v4.
-        reflectance: Rgb,
+        reflectance: Parameter<Rgb>,
         /// Tint of transmitted light (v3 `Kt`), 1 in pbrt-v4.
-        transmittance: Rgb,
+        transmittance: Parameter<Rgb>,
     },
     /// Thin pane of a smooth dielectric: all interreflections, no bend.
     ThinDielectric {
         /// Index of the pane over the index around it.
-        eta: f32,
+        eta: Parameter<f32>,
     },
 }
 

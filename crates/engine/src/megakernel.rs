@@ -11,17 +11,14 @@ use wavepath_kernels::intersect::{Accelerator, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::lanes::{Real, Uint};
 use wavepath_kernels::material_sort::{list, list_of};
-use wavepath_kernels::math::Vec3;
+use wavepath_kernels::math::{Rgb, Vec3};
 use wavepath_kernels::roulette_compact::roulette;
 use wavepath_kernels::sampler::{Stream, stream_seed};
-use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene};
-use wavepath_kernels::shade::bsdf::{Bsdf, MaterialRow};
+use wavepath_kernels::scene::{PrimitiveTag, Scene};
 use wavepath_kernels::shade::emission::emitted;
+use wavepath_kernels::shade::materials::{ForMaterial, Material};
 use wavepath_kernels::shade::surface::Surface;
-use wavepath_kernels::shade::{
-    ConductorMaterial, DielectricMaterial, Features, LambertMaterial, Material, OrenNayarMaterial,
-    RoughConductorMaterial, Scattered, ThinDielectricMaterial, Vertex, material_of, scatter,
-};
+use wavepath_kernels::shade::{Features, Scattered, Vertex, material_of, scatter};
 
 /// One worker of the engine: takes tiles until there are none left.
 pub struct Worker<'a, P> {
@@ -127,11 +124,11 @@ fn trace<I: Isa, P: Features>(
     stats: &mut Stats,
 ) -> [f32; 3] {
     let one = I::One::one();
-    let mut throughput = Vec3::all(one);
+    let mut throughput = Rgb::all(one);
     let mut eta_scale = one;
     let mut pdf = I::One::zero();
     let mut radiance = [0.0f32; 3];
-    let mut add = |light: Vec3<I::One>| {
+    let mut add = |light: Rgb<I::One>| {
         for (sum, x) in radiance.iter_mut().zip(light.lane(0)) {
             *sum += x;
         }
@@ -141,7 +138,7 @@ fn trace<I: Isa, P: Features>(
         let hit = tree.closest(isa, origin.lane(0), direction.lane(0), stack);
         let (list, emits) = list_of(&scene.geometry.tags, scene.max_depth, hit.primitive, depth);
         if list == list::MISSED {
-            add(throughput * Vec3::splat(scene.environment));
+            add(throughput * Rgb::splat(scene.environment));
             break;
         }
         let splat = I::One::splat;
@@ -171,20 +168,8 @@ fn trace<I: Isa, P: Features>(
         }
         let Some(class) = list::class(list) else { break };
         let vertex = Vertex { surface, direction, throughput, eta_scale, stream, depth: uint(depth) };
-        macro_rules! material {
-            ($material:ident) => {
-                scatter_from::<I::One, $material, P>(scene, tag, &vertex)
-            };
-        }
-        let next = match class {
-            MaterialClass::Absorber => break,
-            MaterialClass::Lambert => material!(LambertMaterial),
-            MaterialClass::OrenNayar => material!(OrenNayarMaterial),
-            MaterialClass::Conductor => material!(ConductorMaterial),
-            MaterialClass::RoughConductor => material!(RoughConductorMaterial),
-            MaterialClass::Dielectric => material!(DielectricMaterial),
-            MaterialClass::ThinDielectric => material!(ThinDielectricMaterial),
-        };
+        let step = Step::<_, P> { scene, tag, vertex: &vertex, features: PhantomData };
+        let Some(next) = class.with(step) else { break };
         if P::LIGHTS != 0 && next.shadow.valid {
             stats.shadow_rays += 1;
             let (origin, direction) = (next.shadow.origin.lane(0), next.shadow.direction.lane(0));
@@ -203,7 +188,7 @@ fn trace<I: Isa, P: Features>(
             throughput = weighed;
         } else {
             // An invalid sample: it is counted by the film.
-            add(Vec3::all(splat(f32::NAN)));
+            add(Rgb::all(splat(f32::NAN)));
             break;
         }
         (origin, direction) = (next.origin, next.direction);
@@ -213,16 +198,23 @@ fn trace<I: Isa, P: Features>(
     radiance
 }
 
-/// The path step at a surface of a certain material.
-#[inline(always)]
-fn scatter_from<F, M: Material, P: Features>(scene: &Scene, tag: u32, vertex: &Vertex<F>) -> Scattered<F>
-where
-    F: Real,
-{
-    // SAFETY: the tag is one of the scene's, so its material exists.
-    let bsdf = unsafe {
-        let id = material_of(scene, F::Uint::splat(tag));
-        M::Bsdf::<F>::load(MaterialRow::new(&scene.materials, id))
-    };
-    scatter::<F, M::Bsdf<F>, P>(scene, vertex, &bsdf)
+/// The path step at a surface with this tag.
+struct Step<'a, F: Real, P> {
+    scene: &'a Scene,
+    tag: u32,
+    vertex: &'a Vertex<F>,
+    features: PhantomData<P>,
+}
+
+impl<F: Real, P: Features> ForMaterial for Step<'_, F, P> {
+    type Output = Scattered<F>;
+    #[inline(always)]
+    fn run<M: Material>(self) -> Scattered<F> {
+        // SAFETY: the tag is one of the scene's, and of the class of `M`.
+        let bsdf = unsafe {
+            let material = material_of(self.scene, F::Uint::splat(self.tag));
+            M::bsdf::<F>(self.scene.materials.evaluate::<M, F>(material))
+        };
+        scatter::<F, M::Bsdf<F>, P>(self.scene, self.vertex, &bsdf)
+    }
 }

@@ -95,14 +95,12 @@ impl Plan {
         }
         let used = |class: MaterialClass| of_class[class as usize] > 0;
         let scatters = scene.max_depth > 0;
-        let shade_kernels: Vec<_> = MaterialClass::ALL
-            .into_iter()
-            .filter(|&c| c != MaterialClass::Absorber && used(c) && scatters)
-            .collect();
+        let shade_kernels: Vec<_> =
+            MaterialClass::scattering().filter(|&class| used(class) && scatters).collect();
         let lit = shade_kernels.iter().any(|c| c.samples_lights());
         let light_kinds = if lit { scene.lights.sampled_kinds() } else { 0 };
         let requirements = Requirements {
-            transmission: shade_kernels.iter().any(|c| c.transmits()),
+            transmission: shade_kernels.iter().any(|c| c.scales_radiance()),
             smooth_normals: geometry.smooth_triangles > 0,
             light_sampling: light_kinds != 0,
             filter_weights: scene.camera.filter.has_negative_lobes(),
@@ -156,8 +154,7 @@ impl Plan {
             filter_weights: true,
         };
         plan.light_kinds = if lit { kind::ALL } else { 0 };
-        plan.shade_kernels =
-            MaterialClass::ALL.into_iter().filter(|&c| c != MaterialClass::Absorber).collect();
+        plan.shade_kernels = MaterialClass::scattering().collect();
         plan.has_environment = true;
         (plan.bytes_per_path, plan.shadow_queue_bytes) = bytes_per_path(plan.requirements);
         plan
@@ -197,7 +194,7 @@ impl Plan {
             ),
             part("material_sort", true, format!("{} lists", self.shade_kernels.len() + 2)),
         ];
-        for class in MaterialClass::ALL.into_iter().filter(|&c| c != MaterialClass::Absorber) {
+        for class in MaterialClass::scattering() {
             let n = of_class[class as usize];
             let runs = self.shade_kernels.contains(&class);
             let why = if n > 0 && !runs { "maxdepth is 0".into() } else { counted(n, "primitives") };

@@ -22,7 +22,8 @@ use wavepath_kernels::roulette_compact::RouletteCompact;
 use wavepath_kernels::scene::MaterialClass;
 use wavepath_kernels::shade::emission::Emission;
 use wavepath_kernels::shade::environment::Environment;
-use wavepath_kernels::shade::{self, Features, Shade};
+use wavepath_kernels::shade::materials::{ForMaterial, Material};
+use wavepath_kernels::shade::{Features, Shade};
 
 /// Paths of a pool, if the user does not say otherwise: 2 to 8 thousand were best, as they fit a 1 MiB L2.
 pub const DEFAULT_BATCH: usize = 4096;
@@ -295,30 +296,8 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
 
     fn shade<I: Isa>(&mut self, isa: I, class: MaterialClass, piece: Range<usize>) {
         self.shadows.len = 0;
-        macro_rules! run {
-            ($material:ident, $features:ty) => {
-                isa.run(Shade::<shade::$material, $features> {
-                    scene: self.job.scene,
-                    list: &self.order.list[piece],
-                    paths: &self.paths,
-                    hits: &self.hits,
-                    slots: &mut self.slots,
-                    first_sample: &self.first_sample,
-                    scattered: &mut self.scattered,
-                    shadows: &mut self.shadows,
-                    kernel: PhantomData,
-                })
-            };
-        }
-        match class {
-            MaterialClass::Absorber => {}
-            MaterialClass::Lambert => run!(LambertMaterial, P),
-            MaterialClass::OrenNayar => run!(OrenNayarMaterial, P),
-            MaterialClass::Conductor => run!(ConductorMaterial, P::Specular),
-            MaterialClass::RoughConductor => run!(RoughConductorMaterial, P),
-            MaterialClass::Dielectric => run!(DielectricMaterial, P::Specular),
-            MaterialClass::ThinDielectric => run!(ThinDielectricMaterial, P::Specular),
-        }
+        // No path is on an absorber: `material_sort` ends them.
+        let _ = class.with(ShadePiece { isa, pool: self, piece });
     }
 
     fn light_sample<I: Isa>(&mut self, isa: I, class: RayClass) {
@@ -380,5 +359,31 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             }
         }
         self.free += finished;
+    }
+}
+
+/// [`Pool::shade`] for a material.
+struct ShadePiece<'p, 'a, I, P, A> {
+    isa: I,
+    pool: &'p mut Pool<'a, P, A>,
+    piece: Range<usize>,
+}
+
+impl<I: Isa, P: Features, A: Accelerator> ForMaterial for ShadePiece<'_, '_, I, P, A> {
+    type Output = ();
+    #[inline(always)]
+    fn run<M: Material>(self) {
+        let ShadePiece { isa, pool, piece } = self;
+        isa.run(Shade::<M, M::Sees<P>> {
+            scene: pool.job.scene,
+            list: &pool.order.list[piece],
+            paths: &pool.paths,
+            hits: &pool.hits,
+            slots: &mut pool.slots,
+            first_sample: &pool.first_sample,
+            scattered: &mut pool.scattered,
+            shadows: &mut pool.shadows,
+            kernel: PhantomData,
+        });
     }
 }

@@ -2,7 +2,7 @@
 //! and the same density for a direction that was found otherwise.
 
 use crate::lanes::{Mask, Real, Uint};
-use crate::math::{Frame, Vec3, uniform_disk, uniform_sphere};
+use crate::math::{Frame, Rgb, Vec3, uniform_disk, uniform_sphere};
 
 /// Kinds of light, as bits, so that a set of them is a constant of a kernel.
 pub mod kind {
@@ -169,8 +169,8 @@ impl<'a, F: Real> LightRow<'a, F> {
     }
     /// Radiance or intensity.
     #[inline(always)]
-    pub fn radiance(&self) -> Vec3<F> {
-        self.vector(0)
+    pub fn radiance(&self) -> Rgb<F> {
+        Rgb::new(self.get(0), self.get(1), self.get(2))
     }
     /// Probability of being chosen.
     #[inline(always)]
@@ -184,9 +184,9 @@ impl<'a, F: Real> LightRow<'a, F> {
     /// Emitted radiance towards `-direction` for a ray that meets the surface with normal `normal`: on the side of
     /// the normal, or on both.
     #[inline(always)]
-    pub fn emitted(&self, normal: Vec3<F>, direction: Vec3<F>) -> Vec3<F> {
+    pub fn emitted(&self, normal: Vec3<F>, direction: Vec3<F>) -> Rgb<F> {
         let seen = normal.dot(direction).lt(F::zero()) | self.two_sided();
-        Vec3::select(seen, self.radiance(), Vec3::zero())
+        Rgb::select(seen, self.radiance(), Rgb::zero())
     }
 }
 
@@ -213,7 +213,7 @@ pub struct LightSample<F: Real> {
     pub distance: F,
     /// Radiance that arrives if nothing is in between; for a light without extent the irradiance on a plane that
     /// faces it.
-    pub radiance: Vec3<F>,
+    pub radiance: Rgb<F>,
     /// Density over solid angle, without the probability of choosing the light; 1 for lights without extent.
     pub pdf: F,
     /// Lights without extent: no other strategy finds them.
@@ -258,7 +258,7 @@ pub fn sample<F: Real, const KINDS: u32>(light: &LightRow<F>, origin: Vec3<F>, u
     let mut out = LightSample {
         direction: Vec3::new(F::zero(), F::zero(), F::one()),
         distance: F::zero(),
-        radiance: Vec3::zero(),
+        radiance: Rgb::zero(),
         pdf: F::one(),
         delta: F::Mask::from_bits(0),
         valid: F::Mask::from_bits(0),
@@ -320,7 +320,7 @@ pub fn pdf<F: Real, const KINDS: u32>(
 fn merge<F: Real>(out: &mut LightSample<F>, lanes: F::Mask, with: LightSample<F>) {
     out.direction = Vec3::select(lanes, with.direction, out.direction);
     out.distance = F::select(lanes, with.distance, out.distance);
-    out.radiance = Vec3::select(lanes, with.radiance, out.radiance);
+    out.radiance = Rgb::select(lanes, with.radiance, out.radiance);
     out.pdf = F::select(lanes, with.pdf, out.pdf);
     out.delta = out.delta | (lanes & with.delta);
     out.valid = out.valid | (lanes & with.valid);

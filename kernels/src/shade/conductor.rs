@@ -1,37 +1,45 @@
 //! Smooth conductor: mirror reflection with the Fresnel reflectance of a complex index.
 //!
-//! | column | parameter | range |
-//! |---|---|---|
-//! | 0..3 | `eta`, real part of the index | above 0 |
-//! | 3..6 | `k`, absorption coefficient | 0 and above |
 
-use super::bsdf::{Bsdf, BsdfSample, MaterialRow};
+use super::bsdf::{Bsdf, BsdfSample};
 use super::fresnel;
+use super::materials::Material;
+use super::parameters::{NOT_NEGATIVE, parameters};
 use crate::lanes::Real;
-use crate::math::Vec3;
+use crate::math::{Rgb, Vec3};
 
-/// Smooth conductor.
+parameters! {
+    /// A smooth conductor.
+    Conductor {
+        /// Real part of the index.
+        eta: [f32; 3], NOT_NEGATIVE;
+        /// Absorption coefficient.
+        k: [f32; 3], NOT_NEGATIVE;
+    }
+}
+
+impl Material for Conductor {
+    type Bsdf<F: Real> = SpecularConductor<F>;
+    #[inline(always)]
+    fn bsdf<F: Real>(at: Evaluated<F>) -> SpecularConductor<F> {
+        SpecularConductor { eta: at.eta, k: at.k }
+    }
+}
+
+/// Mirror reflection of a conductor.
 #[derive(Clone, Copy)]
-pub struct Conductor<F: Real> {
-    eta: Vec3<F>,
-    k: Vec3<F>,
+pub struct SpecularConductor<F: Real> {
+    eta: Rgb<F>,
+    k: Rgb<F>,
 }
 
-/// The parameters of a smooth conductor.
-pub fn row(eta: [f32; 3], k: [f32; 3]) -> [f32; 8] {
-    [eta[0], eta[1], eta[2], k[0], k[1], k[2], 0.0, 0.0]
-}
-
-impl<F: Real> Bsdf<F> for Conductor<F> {
+impl<F: Real> Bsdf<F> for SpecularConductor<F> {
     const SPECULAR: bool = true;
     const TRANSMITS: bool = false;
+    const SCALES_RADIANCE: bool = false;
 
     #[inline(always)]
-    fn load(row: MaterialRow<F>) -> Self {
-        Conductor { eta: row.vector(0), k: row.vector(3) }
-    }
-    #[inline(always)]
-    fn sample(&self, wo: Vec3<F>, _u: [F; 2]) -> BsdfSample<F> {
+    fn sample(&self, wo: Vec3<F>, _lobe: F, _u: [F; 2]) -> BsdfSample<F> {
         BsdfSample {
             wi: Vec3::new(-wo.x, -wo.y, wo.z),
             weight: fresnel::conductor(wo.z, self.eta, self.k),
@@ -41,8 +49,8 @@ impl<F: Real> Bsdf<F> for Conductor<F> {
         }
     }
     #[inline(always)]
-    fn eval(&self, _wo: Vec3<F>, _wi: Vec3<F>) -> Vec3<F> {
-        Vec3::zero()
+    fn eval(&self, _wo: Vec3<F>, _wi: Vec3<F>) -> Rgb<F> {
+        Rgb::zero()
     }
     #[inline(always)]
     fn pdf(&self, _wo: Vec3<F>, _wi: Vec3<F>) -> F {

@@ -5,7 +5,7 @@ use crate::isa::{Isa, Kernel};
 use crate::lanes::{Real, Uint};
 use crate::light_sample::lights::{LightRow, kind, pdf};
 use crate::material_sort::EMITS;
-use crate::math::{Vec3, power_heuristic};
+use crate::math::{Rgb, Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, SlotTable};
 use crate::scene::{PrimitiveTag, Scene};
 use crate::shade::surface::Surface;
@@ -26,7 +26,7 @@ pub unsafe fn emitted<F: Real, L: LightKinds>(
     t: F,
     normal: Vec3<F>,
     pdf_bsdf: F,
-) -> Vec3<F> {
+) -> Rgb<F> {
     // SAFETY: the caller's promise.
     let row = unsafe { LightRow::<F>::new(&scene.lights, light) };
     let radiance = row.emitted(normal, direction);
@@ -41,7 +41,7 @@ pub unsafe fn emitted<F: Real, L: LightKinds>(
     let specular = pdf_bsdf.eq(F::zero());
     let weighed = radiance.scale(F::select(specular, F::one(), weight));
     // Unseen sides emit nothing, whatever their weight came out as.
-    Vec3::select(radiance.max_component().gt(F::zero()), weighed, Vec3::zero())
+    Rgb::select(radiance.max_component().gt(F::zero()), weighed, Rgb::zero())
 }
 
 /// The kernel: adds the emitted radiance of the listed paths.
@@ -109,7 +109,7 @@ unsafe fn emission_at<F: Real, L: LightKinds>(
     place: F::Uint,
     paths: &PathQueue,
     hits: &HitQueue,
-) -> (F::Uint, Vec3<F>) {
+) -> (F::Uint, Rgb<F>) {
     // SAFETY: the caller's promise.
     unsafe {
         let real = |column: &[f32]| F::gather(column, place);
@@ -125,7 +125,7 @@ unsafe fn emission_at<F: Real, L: LightKinds>(
         let pdf = if L::KINDS != 0 { real(&paths.pdf) } else { F::zero() };
         let emitted = emitted::<F, L>(scene, light, origin, direction, t, surface.normal, pdf);
         let throughput =
-            Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
+            Rgb::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
         (slot, throughput * emitted)
     }
 }

@@ -6,7 +6,7 @@
 use super::{add_radiance, list_lanes};
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Real, Uint};
-use crate::math::Vec3;
+use crate::math::Rgb;
 use crate::queue::{PathQueue, SLOT_BITS, SlotTable};
 
 /// The kernel: adds the sky to the listed paths.
@@ -31,7 +31,7 @@ impl Kernel for Environment<'_> {
 
 #[inline(always)]
 fn environment<F: Real>(radiance: [f32; 3], list: &[u32], paths: &PathQueue, slots: &mut SlotTable) {
-    let sky = Vec3::<F>::splat(radiance);
+    let sky = Rgb::<F>::splat(radiance);
     let mut at = 0;
     while at < list.len() {
         let (place, count) = list_lanes::<F>(list, at);
@@ -39,7 +39,7 @@ fn environment<F: Real>(radiance: [f32; 3], list: &[u32], paths: &PathQueue, slo
         let (slot, throughput) = unsafe {
             let real = |column: &[f32]| F::gather(column, place);
             let slot = F::Uint::gather(&paths.slot_depth, place) & F::Uint::splat((1 << SLOT_BITS) - 1);
-            (slot, Vec3::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b)))
+            (slot, Rgb::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b)))
         };
         add_radiance::<F>(slots, slot, throughput * sky, count);
         at += count;

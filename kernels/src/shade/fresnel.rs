@@ -1,7 +1,7 @@
 //! Fresnel reflectances, unpolarised.
 
 use crate::lanes::Real;
-use crate::math::Vec3;
+use crate::math::Rgb;
 
 /// Reflectance of a dielectric for the cosine of incidence `cos_i` >= 0 and the relative index `eta` (transmitted
 /// side over incident side), the cosine of refraction, and the lanes of total internal reflection.
@@ -44,10 +44,10 @@ fn conductor_channel<F: Real>(cos_i: F, eta: F, k: F) -> F {
 
 /// Reflectance of a conductor of complex index `eta` + i `k` for the cosine of incidence `cos_i` >= 0.
 #[inline(always)]
-pub fn conductor<F: Real>(cos_i: F, eta: Vec3<F>, k: Vec3<F>) -> Vec3<F> {
-    Vec3::new(
-        conductor_channel(cos_i, eta.x, k.x),
-        conductor_channel(cos_i, eta.y, k.y),
-        conductor_channel(cos_i, eta.z, k.z),
+pub fn conductor<F: Real>(cos_i: F, eta: Rgb<F>, k: Rgb<F>) -> Rgb<F> {
+    Rgb::new(
+        conductor_channel(cos_i, eta.r, k.r),
+        conductor_channel(cos_i, eta.g, k.g),
+        conductor_channel(cos_i, eta.b, k.b),
     )
 }

@@ -1,38 +1,43 @@
 //! Lambert: ideal diffuse reflection.
 //!
-//! | column | parameter | range |
-//! |---|---|---|
-//! | 0..3 | `reflectance` | [0, 1] |
-//!
 //! f = reflectance / pi.
 
-use super::bsdf::{Bsdf, BsdfSample, MaterialRow};
+use super::bsdf::{Bsdf, BsdfSample};
+use super::materials::Material;
+use super::parameters::{UNIT, parameters};
 use crate::lanes::Real;
-use crate::math::{Vec3, cosine_hemisphere};
+use crate::math::{Rgb, Vec3, cosine_hemisphere};
 use core::f64::consts::FRAC_1_PI;
 
-/// Lambert.
+parameters! {
+    /// A Lambert surface.
+    Lambert {
+        /// Albedo.
+        reflectance: [f32; 3], UNIT;
+    }
+}
+
+impl Material for Lambert {
+    type Bsdf<F: Real> = DiffuseReflection<F>;
+    #[inline(always)]
+    fn bsdf<F: Real>(at: Evaluated<F>) -> DiffuseReflection<F> {
+        DiffuseReflection { reflectance: at.reflectance }
+    }
+}
+
+/// Ideal diffuse reflection.
 #[derive(Clone, Copy)]
-pub struct Lambert<F: Real> {
-    reflectance: Vec3<F>,
+pub struct DiffuseReflection<F: Real> {
+    reflectance: Rgb<F>,
 }
 
-/// The parameters of a Lambert material.
-pub fn row(reflectance: [f32; 3]) -> [f32; 8] {
-    let [r, g, b] = reflectance;
-    [r, g, b, 0.0, 0.0, 0.0, 0.0, 0.0]
-}
-
-impl<F: Real> Bsdf<F> for Lambert<F> {
+impl<F: Real> Bsdf<F> for DiffuseReflection<F> {
     const SPECULAR: bool = false;
     const TRANSMITS: bool = false;
+    const SCALES_RADIANCE: bool = false;
 
     #[inline(always)]
-    fn load(row: MaterialRow<F>) -> Self {
-        Lambert { reflectance: row.vector(0) }
-    }
-    #[inline(always)]
-    fn sample(&self, wo: Vec3<F>, u: [F; 2]) -> BsdfSample<F> {
+    fn sample(&self, wo: Vec3<F>, _lobe: F, u: [F; 2]) -> BsdfSample<F> {
         let wi = cosine_hemisphere(u);
         BsdfSample {
             wi,
@@ -44,7 +49,7 @@ impl<F: Real> Bsdf<F> for Lambert<F> {
         }
     }
     #[inline(always)]
-    fn eval(&self, _wo: Vec3<F>, wi: Vec3<F>) -> Vec3<F> {
+    fn eval(&self, _wo: Vec3<F>, wi: Vec3<F>) -> Rgb<F> {
         self.reflectance.scale(wi.z.max(F::zero()) * F::lit(FRAC_1_PI))
     }
     #[inline(always)]

@@ -10,7 +10,9 @@ pub mod emission;
 pub mod environment;
 pub mod fresnel;
 pub mod lambert;
+pub mod materials;
 pub mod oren_nayar;
+pub mod parameters;
 pub mod rough_conductor;
 pub mod surface;
 pub mod thin_dielectric;
@@ -18,12 +20,13 @@ pub mod thin_dielectric;
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Mask, Real, Uint};
 use crate::light_sample::lights::{LightRow, choose, sample};
-use crate::math::{Frame, Vec3, power_heuristic};
+use crate::math::{Frame, Rgb, Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable};
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
 use crate::scene::{PrimitiveTag, Scene};
-use bsdf::{Bsdf, MaterialRow};
+use bsdf::Bsdf;
 use core::marker::PhantomData;
+use materials::Material;
 use surface::Surface;
 
 /// Kinds of lights to sample, as a type: what a kernel that depends on nothing else is compiled for.
@@ -64,7 +67,7 @@ pub struct Vertex<F: Real> {
     /// Direction of the ray that came here.
     pub direction: Vec3<F>,
     /// Throughput so far.
-    pub throughput: Vec3<F>,
+    pub throughput: Rgb<F>,
     /// Product of the squared relative indices so far.
     pub eta_scale: F,
     /// Random numbers.
@@ -83,7 +86,7 @@ pub struct ShadowRay<F: Real> {
     /// How far to look.
     pub distance: F,
     /// What it adds to the path's radiance.
-    pub radiance: Vec3<F>,
+    pub radiance: Rgb<F>,
     /// Lanes with such a ray.
     pub valid: F::Mask,
 }
@@ -98,7 +101,7 @@ pub struct Scattered<F: Real> {
     /// Its unit direction.
     pub direction: Vec3<F>,
     /// Throughput; 0 in lanes where the path ended.
-    pub throughput: Vec3<F>,
+    pub throughput: Rgb<F>,
     /// Density of the direction over solid angle, 0 if specular.
     pub pdf: F,
     /// Product of the squared relative indices.
@@ -130,22 +133,29 @@ pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
             origin: surface.point,
             direction: wo,
             distance: F::zero(),
-            radiance: Vec3::zero(),
+            radiance: Rgb::zero(),
             valid: F::Mask::from_bits(0),
         }
     };
 
     let u = P::Sampler::two::<F>(vertex.stream, vertex_dimension(vertex.depth, dimension::BSDF));
-    let next = bsdf.sample(wo_local, u);
+    // Specular lobes take no direction: which of them it is takes the first of its numbers. What `sample` does not use
+    // is not drawn.
+    let lobe = if B::SPECULAR {
+        u[0]
+    } else {
+        P::Sampler::one::<F>(vertex.stream, vertex_dimension(vertex.depth, dimension::LOBE))
+    };
+    let next = bsdf.sample(wo_local, lobe, u);
     let direction = frame.to_world(next.wi);
-    let throughput = Vec3::select(next.valid, vertex.throughput * next.weight, Vec3::zero());
+    let throughput = Rgb::select(next.valid, vertex.throughput * next.weight, Rgb::zero());
     Scattered {
         shadow,
         origin: surface.leave(direction),
         direction,
         throughput,
         pdf: next.pdf,
-        eta_scale: if B::TRANSMITS { vertex.eta_scale * next.eta_scale } else { vertex.eta_scale },
+        eta_scale: if B::SCALES_RADIANCE { vertex.eta_scale * next.eta_scale } else { vertex.eta_scale },
     }
 }
 
@@ -185,7 +195,7 @@ fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
     let weight = F::select(towards.delta, F::one(), weight);
     let radiance = vertex.throughput * value * towards.radiance.scale(weight / pdf_light);
     // Rays that bring nothing are not traced; what is not a number is, so that it shows and is counted.
-    let nothing = (radiance.x + radiance.y + radiance.z).le(F::zero());
+    let nothing = radiance.sum().le(F::zero());
     let valid = towards.valid & !nothing;
     ShadowRay {
         origin: vertex.surface.leave(towards.direction),
@@ -196,32 +206,7 @@ fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
     }
 }
 
-/// A material as the type of a kernel: its [`Bsdf`] for every lane type.
-pub trait Material: Copy + Send + Sync + 'static {
-    /// The BSDF over lanes `F`.
-    type Bsdf<F: Real>: Bsdf<F>;
-}
-
-macro_rules! materials {
-    ($($doc:literal $name:ident $bsdf:ident $module:ident;)*) => {$(
-        #[doc = $doc]
-        #[derive(Clone, Copy, Debug)]
-        pub struct $name;
-        impl Material for $name {
-            type Bsdf<F: Real> = $module::$bsdf<F>;
-        }
-    )*};
-}
-materials! {
-    "See [`lambert`]." LambertMaterial Lambert lambert;
-    "See [`oren_nayar`]." OrenNayarMaterial OrenNayar oren_nayar;
-    "See [`conductor`]." ConductorMaterial Conductor conductor;
-    "See [`rough_conductor`]." RoughConductorMaterial RoughConductor rough_conductor;
-    "See [`dielectric`]." DielectricMaterial Dielectric dielectric;
-    "See [`thin_dielectric`]." ThinDielectricMaterial ThinDielectric thin_dielectric;
-}
-
-/// The material's number of a primitive with this tag.
+/// The row of the material of a primitive with this tag.
 ///
 /// # Safety
 /// The tag is one of the scene's.
@@ -264,7 +249,7 @@ impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
     type Output = ();
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) {
-        shade::<I::Wide, M::Bsdf<I::Wide>, P>(
+        shade::<I::Wide, M, P>(
             self.scene,
             self.list,
             self.paths,
@@ -292,7 +277,7 @@ pub(crate) fn list_lanes<F: Real>(list: &[u32], at: usize) -> (F::Uint, usize) {
 
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
-fn shade<F: Real, B: Bsdf<F>, P: Features>(
+fn shade<F: Real, M: Material, P: Features>(
     scene: &Scene,
     list: &[u32],
     paths: &PathQueue,
@@ -302,13 +287,13 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
     scattered: &mut PathQueue,
     shadows: &mut ShadowQueue,
 ) {
-    // Thin dielectrics transmit, but scale nothing.
-    let scales = B::TRANSMITS && !slots.eta_scale.is_empty();
+    let scales = M::Bsdf::<F>::SCALES_RADIANCE && !slots.eta_scale.is_empty();
     let mut at = 0;
     while at < list.len() {
         let (place, count) = list_lanes::<F>(list, at);
         // SAFETY (block): `material_sort` lists places below `paths.len`, all of which have a hit on a primitive of
-        // the scene; slots are below the capacity of the table; tags hold materials and lights of the scene.
+        // the scene whose tag is of the class `M`; slots are below the capacity of the table; tags hold materials and
+        // lights of the scene.
         let (vertex, bsdf, slot) = unsafe {
             let real = |column: &[f32]| F::gather(column, place);
             let slot_depth = F::Uint::gather(&paths.slot_depth, place);
@@ -329,7 +314,7 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
             let vertex = Vertex {
                 surface,
                 direction,
-                throughput: Vec3::new(
+                throughput: Rgb::new(
                     real(&paths.throughput_r),
                     real(&paths.throughput_g),
                     real(&paths.throughput_b),
@@ -338,11 +323,11 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
                 stream: slots.stream(first_sample, slot),
                 depth: slot_depth.shr::<SLOT_BITS>(),
             };
-            (vertex, B::load(MaterialRow::new(&scene.materials, material)), slot)
+            (vertex, M::bsdf(scene.materials.evaluate::<M, F>(material)), slot)
         };
-        let out = scatter::<F, B, P>(scene, &vertex, &bsdf);
+        let out = scatter::<F, M::Bsdf<F>, P>(scene, &vertex, &bsdf);
 
-        if P::LIGHTS != 0 && !B::SPECULAR {
+        if P::LIGHTS != 0 && !M::Bsdf::<F>::SPECULAR {
             let valid = out.shadow.valid & F::Mask::first(count);
             push_shadow::<F>(shadows, &out.shadow, valid, slot);
         }
@@ -354,9 +339,9 @@ fn shade<F: Real, B: Bsdf<F>, P: Features>(
         out.direction.x.store(&mut scattered.direction_x, to);
         out.direction.y.store(&mut scattered.direction_y, to);
         out.direction.z.store(&mut scattered.direction_z, to);
-        out.throughput.x.store(&mut scattered.throughput_r, to);
-        out.throughput.y.store(&mut scattered.throughput_g, to);
-        out.throughput.z.store(&mut scattered.throughput_b, to);
+        out.throughput.r.store(&mut scattered.throughput_r, to);
+        out.throughput.g.store(&mut scattered.throughput_g, to);
+        out.throughput.b.store(&mut scattered.throughput_b, to);
         if !scattered.pdf.is_empty() {
             out.pdf.store(&mut scattered.pdf, to);
         }
@@ -384,9 +369,9 @@ fn push_shadow<F: Real>(queue: &mut ShadowQueue, ray: &ShadowRay<F>, valid: F::M
     ray.direction.y.compress(valid, &mut queue.direction_y, to);
     ray.direction.z.compress(valid, &mut queue.direction_z, to);
     ray.distance.compress(valid, &mut queue.distance, to);
-    ray.radiance.x.compress(valid, &mut queue.radiance_r, to);
-    ray.radiance.y.compress(valid, &mut queue.radiance_g, to);
-    ray.radiance.z.compress(valid, &mut queue.radiance_b, to);
+    ray.radiance.r.compress(valid, &mut queue.radiance_r, to);
+    ray.radiance.g.compress(valid, &mut queue.radiance_g, to);
+    ray.radiance.b.compress(valid, &mut queue.radiance_b, to);
     slot.compress(valid, &mut queue.slot, to);
     queue.len = to + valid.count();
 }
@@ -394,9 +379,9 @@ fn push_shadow<F: Real>(queue: &mut ShadowQueue, ray: &ShadowRay<F>, valid: F::M
 /// Adds to the radiance of each path: `radiance` of lane `i` to slot `slot[i]`, for the first `count` lanes.
 /// Slots within a vector differ, as each path is in one place.
 #[inline(always)]
-pub(crate) fn add_radiance<F: Real>(slots: &mut SlotTable, slot: F::Uint, radiance: Vec3<F>, count: usize) {
+pub(crate) fn add_radiance<F: Real>(slots: &mut SlotTable, slot: F::Uint, radiance: Rgb<F>, count: usize) {
     let slot = slot.to_array();
-    let (r, g, b) = (radiance.x.to_array(), radiance.y.to_array(), radiance.z.to_array());
+    let (r, g, b) = (radiance.r.to_array(), radiance.g.to_array(), radiance.b.to_array());
     for i in 0..count {
         let s = slot[i] as usize;
         slots.radiance_r[s] += r[i];

@@ -1,38 +1,56 @@
 //! Oren-Nayar: diffuse reflection of rough surfaces (Oren and Nayar 1994, the qualitative model).
 //!
-//! | column | parameter | range |
-//! |---|---|---|
-//! | 0..3 | `reflectance` | [0, 1] |
-//! | 3 | `A` = 1 - s^2 / (2 (s^2 + 0.33)) | [0.5, 1] |
-//! | 4 | `B` = 0.45 s^2 / (s^2 + 0.09) | [0, 0.45] |
-//!
-//! s is the standard deviation of the facets' slope angle in radians.
 //! f = (reflectance / pi) (A + B max(0, cos(phi_i - phi_o)) sin(alpha) tan(beta)), alpha the larger and beta the
-//! smaller of the two polar angles.
+//! smaller of the two polar angles, A and B functions of the standard deviation s of the facets' slope angle, in
+//! radians.
 
-use super::bsdf::{Bsdf, BsdfSample, MaterialRow};
+use super::bsdf::{Bsdf, BsdfSample};
+use super::materials::Material;
+use super::parameters::{Range, UNIT, parameters};
 use crate::lanes::Real;
-use crate::math::{Vec3, cosine_hemisphere};
+use crate::math::{Rgb, Vec3, cosine_hemisphere};
 use core::f64::consts::FRAC_1_PI;
 
-/// Oren-Nayar.
+parameters! {
+    /// An Oren-Nayar surface.
+    OrenNayar {
+        /// Albedo.
+        reflectance: [f32; 3], UNIT;
+        /// Standard deviation of the facets' slope angle, degrees.
+        sigma: f32, Range { least: 0.0, most: 90.0 };
+    } derived {
+        /// A, in [0.5, 1].
+        a: f32 = coefficients(sigma).0;
+        /// B, in [0, 0.45].
+        b: f32 = coefficients(sigma).1;
+    }
+}
+
+impl Material for OrenNayar {
+    type Bsdf<F: Real> = RoughDiffuseReflection<F>;
+    #[inline(always)]
+    fn bsdf<F: Real>(at: Evaluated<F>) -> RoughDiffuseReflection<F> {
+        RoughDiffuseReflection { reflectance: at.reflectance, a: at.a, b: at.b }
+    }
+}
+
+/// The qualitative model.
 #[derive(Clone, Copy)]
-pub struct OrenNayar<F: Real> {
-    reflectance: Vec3<F>,
+pub struct RoughDiffuseReflection<F: Real> {
+    reflectance: Rgb<F>,
     a: F,
     b: F,
 }
 
-/// The parameters of an Oren-Nayar material; `sigma` in degrees.
-pub fn row(reflectance: [f32; 3], sigma: f32) -> [f32; 8] {
-    let [r, g, b] = reflectance;
+/// A = 1 - s^2 / (2 (s^2 + 0.33)) and B = 0.45 s^2 / (s^2 + 0.09), of `sigma` in degrees.
+fn coefficients(sigma: f32) -> (f32, f32) {
     let s2 = (sigma as f64).to_radians().powi(2);
     let a = 1.0 - s2 / (2.0 * (s2 + 0.33));
-    let bb = 0.45 * s2 / (s2 + 0.09);
-    [r, g, b, a as f32, bb as f32, 0.0, 0.0, 0.0]
+    let b = 0.45 * s2 / (s2 + 0.09);
+    (a as f32, b as f32)
 }
 
-impl<F: Real> OrenNayar<F> {
+impl<F: Real> RoughDiffuseReflection<F> {
     /// A + B max(0, cos(phi_i - phi_o)) sin(alpha) tan(beta), without trigonometry: with the projections of the unit
     /// directions onto the tangent plane, sin_i sin_o cos(phi_i - phi_o) = x_i x_o + y_i y_o, and
     /// sin(alpha) tan(beta) = sin_i sin_o / max(cos_i, cos_o).
@@ -46,16 +64,13 @@ impl<F: Real> OrenNayar<F> {
     }
 }
 
-impl<F: Real> Bsdf<F> for OrenNayar<F> {
+impl<F: Real> Bsdf<F> for RoughDiffuseReflection<F> {
     const SPECULAR: bool = false;
     const TRANSMITS: bool = false;
+    const SCALES_RADIANCE: bool = false;
 
     #[inline(always)]
-    fn load(row: MaterialRow<F>) -> Self {
-        OrenNayar { reflectance: row.vector(0), a: row.get(3), b: row.get(4) }
-    }
-    #[inline(always)]
-    fn sample(&self, wo: Vec3<F>, u: [F; 2]) -> BsdfSample<F> {
+    fn sample(&self, wo: Vec3<F>, _lobe: F, u: [F; 2]) -> BsdfSample<F> {
         let wi = cosine_hemisphere(u);
         BsdfSample {
             wi,
@@ -66,7 +81,7 @@ impl<F: Real> Bsdf<F> for OrenNayar<F> {
         }
     }
     #[inline(always)]
-    fn eval(&self, wo: Vec3<F>, wi: Vec3<F>) -> Vec3<F> {
+    fn eval(&self, wo: Vec3<F>, wi: Vec3<F>) -> Rgb<F> {
         let cos = wi.z.max(F::zero());
         self.reflectance.scale(self.roughness_factor(wo, wi) * cos * F::lit(FRAC_1_PI))
     }

@@ -1,34 +1,45 @@
 //! Rough conductor: GGX microfacets (Walter et al. 2007) with height-correlated Smith shadowing (Heitz 2014),
 //! sampled by visible normals (Heitz 2018; the spherical-cap form of Dupuy and Benyoub 2023).
 //!
-//! | column | parameter | range |
-//! |---|---|---|
-//! | 0..3 | `eta`, real part of the index | above 0 |
-//! | 3..6 | `k`, absorption coefficient | 0 and above |
-//! | 6 | `alpha` | at least 1e-3 |
-//!
 //! f = F(wi.h) D(h) G2(wo, wi) / (4 cos_i cos_o), h the half vector.
 
-use super::bsdf::{Bsdf, BsdfSample, MaterialRow};
+use super::bsdf::{Bsdf, BsdfSample};
 use super::fresnel;
+use super::materials::Material;
+use super::parameters::{NOT_NEGATIVE, Range, parameters};
 use crate::lanes::Real;
-use crate::math::Vec3;
+use crate::math::{Rgb, Vec3};
 use core::f64::consts::PI;
 
-/// Rough conductor.
+parameters! {
+    /// A rough conductor.
+    RoughConductor {
+        /// Real part of the index.
+        eta: [f32; 3], NOT_NEGATIVE;
+        /// Absorption coefficient.
+        k: [f32; 3], NOT_NEGATIVE;
+        /// GGX alpha.
+        alpha: f32, Range { least: 1e-3, ..NOT_NEGATIVE };
+    }
+}
+
+impl Material for RoughConductor {
+    type Bsdf<F: Real> = MicrofacetConductor<F>;
+    #[inline(always)]
+    fn bsdf<F: Real>(at: Evaluated<F>) -> MicrofacetConductor<F> {
+        MicrofacetConductor { eta: at.eta, k: at.k, alpha: at.alpha }
+    }
+}
+
+/// Reflection from the microfacets of a conductor.
 #[derive(Clone, Copy)]
-pub struct RoughConductor<F: Real> {
-    eta: Vec3<F>,
-    k: Vec3<F>,
+pub struct MicrofacetConductor<F: Real> {
+    eta: Rgb<F>,
+    k: Rgb<F>,
     alpha: F,
 }
 
-/// The parameters of a rough conductor.
-pub fn row(eta: [f32; 3], k: [f32; 3], alpha: f32) -> [f32; 8] {
-    [eta[0], eta[1], eta[2], k[0], k[1], k[2], alpha, 0.0]
-}
-
-impl<F: Real> RoughConductor<F> {
+impl<F: Real> MicrofacetConductor<F> {
     /// GGX distribution of normals.
     ///
     /// 1 - cos^2 (1 - alpha^2) is formed as sin^2 + alpha^2 cos^2: no cancellation for small alpha near the normal.
@@ -51,16 +62,13 @@ impl<F: Real> RoughConductor<F> {
     }
 }
 
-impl<F: Real> Bsdf<F> for RoughConductor<F> {
+impl<F: Real> Bsdf<F> for MicrofacetConductor<F> {
     const SPECULAR: bool = false;
     const TRANSMITS: bool = false;
+    const SCALES_RADIANCE: bool = false;
 
     #[inline(always)]
-    fn load(row: MaterialRow<F>) -> Self {
-        RoughConductor { eta: row.vector(0), k: row.vector(3), alpha: row.get(6) }
-    }
-    #[inline(always)]
-    fn sample(&self, wo: Vec3<F>, u: [F; 2]) -> BsdfSample<F> {
+    fn sample(&self, wo: Vec3<F>, _lobe: F, u: [F; 2]) -> BsdfSample<F> {
         // The hemisphere configuration, a uniform point on the spherical cap below wo, and back.
         let stretched = Vec3::new(wo.x * self.alpha, wo.y * self.alpha, wo.z).normalize();
         // z = (1 - u)(1 + wo.z) - wo.z.
@@ -87,7 +95,7 @@ impl<F: Real> Bsdf<F> for RoughConductor<F> {
         }
     }
     #[inline(always)]
-    fn eval(&self, wo: Vec3<F>, wi: Vec3<F>) -> Vec3<F> {
+    fn eval(&self, wo: Vec3<F>, wi: Vec3<F>) -> Rgb<F> {
         let h = Self::half(wo, wi);
         let (lo, li) = (self.smith(wo), self.smith(wi));
         // D G2 / (4 cos_o cos_i) cos_i, with G2 = 2 cos_i cos_o / (cos_i lo + cos_o li).
@@ -95,7 +103,7 @@ impl<F: Real> Bsdf<F> for RoughConductor<F> {
         let value = self.distribution(h) * F::lit(0.5) * cos / (wi.z.mul_add(lo, wo.z * li));
         let above = wi.z.gt(F::zero()) & wo.z.gt(F::zero());
         let reflected = fresnel::conductor(wo.dot(h).max(F::zero()), self.eta, self.k).scale(value);
-        Vec3::select(above, reflected, Vec3::zero())
+        Rgb::select(above, reflected, Rgb::zero())
     }
     #[inline(always)]
     fn pdf(&self, wo: Vec3<F>, wi: Vec3<F>) -> F {

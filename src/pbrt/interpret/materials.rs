@@ -8,7 +8,7 @@ use crate::pbrt::parameters::{ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::spectra::{self, Named, Rgb64};
 use crate::pbrt::suggest::did_you_mean;
-use crate::scene::{Material, MaterialId, SceneDescription};
+use crate::scene::{Material, MaterialId, Parameter, SceneDescription};
 
 use super::values::{SpectrumValue, rgb32};
 use super::{Builder, unknown_kind, unsupported_kind};
@@ -195,7 +195,7 @@ impl Builder {
             "dielectric" => self.dielectric(parameters)?,
             "glass" => self.glass(parameters)?,
             "thindielectric" => {
-                Material::ThinDielectric { eta: self.index_of_refraction(parameters, "eta")? }
+                Material::ThinDielectric { eta: self.index_of_refraction(parameters, "eta")?.into() }
             }
             "mix" => self.mix(kind, parameters)?,
             "plastic" | "substrate" | "uber" => self.uncoated(kind, parameters)?,
@@ -236,7 +236,7 @@ impl Builder {
         if !(0.0..=90.0).contains(&sigma) {
             return Err(parameters.bad("sigma", &sigma.to_string(), "expected 0 to 90 degrees"));
         }
-        Ok(Material::Diffuse { reflectance, sigma: sigma as f32 })
+        Ok(Material::Diffuse { reflectance: reflectance.into(), sigma: (sigma as f32).into() })
     }
 
     fn conductor(&mut self, parameters: &Parameters) -> Result<Material> {
@@ -273,7 +273,8 @@ impl Builder {
             }
             *constant = rgb32(value, parameters, name)?;
         }
-        Ok(Material::Conductor { eta: constants[0], k: constants[1], alpha })
+        let [eta, k] = constants.map(Parameter::Constant);
+        Ok(Material::Conductor { eta, k, alpha: alpha.map(Parameter::Constant) })
     }
 
     /// v3's metal: like a conductor, but always rough, and with another scale of roughness.
@@ -294,7 +295,8 @@ impl Builder {
     fn dielectric(&mut self, parameters: &Parameters) -> Result<Material> {
         self.refuse_roughness(parameters, sqrt_remap)?;
         let eta = self.index_of_refraction(parameters, "eta")?;
-        Ok(Material::Dielectric { eta, reflectance: [1.0; 3], transmittance: [1.0; 3] })
+        let white = Parameter::Constant([1.0; 3]);
+        Ok(Material::Dielectric { eta: eta.into(), reflectance: white, transmittance: white })
     }
 
     fn glass(&mut self, parameters: &Parameters) -> Result<Material> {
@@ -303,7 +305,11 @@ impl Builder {
         let eta = self.index_of_refraction(parameters, name)?;
         let reflectance = self.reflectance(parameters, "Kr", 1.0)?.map(|c| c as f32);
         let transmittance = self.reflectance(parameters, "Kt", 1.0)?.map(|c| c as f32);
-        Ok(Material::Dielectric { eta, reflectance, transmittance })
+        Ok(Material::Dielectric {
+            eta: eta.into(),
+            reflectance: reflectance.into(),
+            transmittance: transmittance.into(),
+        })
     }
 
     fn refuse_roughness(&mut self, parameters: &Parameters, remap: fn(f64) -> f64) -> Result<()> {
@@ -411,7 +417,7 @@ impl Builder {
             return Err(Problem::at(kind.span, "material \"mix\" without two materials")
                 .label("expected \"string materials\" with two names"));
         };
-        let mut found = [Material::ThinDielectric { eta: 1.0 }; 2];
+        let mut found = [Material::ThinDielectric { eta: Parameter::Constant(1.0) }; 2];
         for (material, (name, place)) in found.iter_mut().zip([first, second]) {
             *material = self.materials.by_name(name).ok_or_else(|| {
                 Problem::new(place.clone(), format!("unknown material \"{}\"", shorten(name)))
@@ -458,7 +464,7 @@ impl Builder {
         }
         parameters.accept(&["roughness", "uroughness", "vroughness", "remaproughness"]);
         let reflectance = self.reflectance(parameters, "Kd", default)?.map(|c| c as f32);
-        Ok(Material::Diffuse { reflectance, sigma: 0.0 })
+        Ok(Material::Diffuse { reflectance: reflectance.into(), sigma: Parameter::Constant(0.0) })
     }
 }
 
@@ -479,7 +485,11 @@ fn conductor_of_reflectance(reflectance: Rgb64, alpha: [f32; 2]) -> Material {
         let r = r.clamp(0.0, 0.9999);
         (2.0 * r.sqrt() / (1.0 - r).sqrt()) as f32
     });
-    Material::Conductor { eta: [1.0; 3], k, alpha }
+    Material::Conductor {
+        eta: Parameter::Constant([1.0; 3]),
+        k: k.into(),
+        alpha: alpha.map(Parameter::Constant),
+    }
 }
 
 #[cfg(test)]
@@ -491,6 +501,7 @@ mod tests {
         let Material::Conductor { eta, k, .. } = conductor_of_reflectance([0.0, 0.4, 0.9], [0.0; 2]) else {
             panic!()
         };
+        let [eta, k] = [eta, k].map(|parameter| parameter.constant().expect("not textured"));
         for (i, expected) in [0.0, 0.4, 0.9].into_iter().enumerate() {
             let (n, k) = (f64::from(eta[i]), f64::from(k[i]));
             let r = ((n - 1.0).powi(2) + k * k) / ((n + 1.0).powi(2) + k * k);

@@ -17,7 +17,7 @@ use std::rc::Rc;
 
 use glam::DAffine3;
 
-use crate::scene::{Filter, Light, Material, SceneDescription};
+use crate::scene::{Filter, Light, Material, Parameter, SceneDescription};
 
 use super::dialect::Dialect;
 use super::error::{Place, Problem, Result, Span};
@@ -103,7 +103,10 @@ pub(crate) struct Builder {
 impl Builder {
     pub(crate) fn new(dialect: Dialect, directory: PathBuf) -> Builder {
         let mut materials = MaterialTable::default();
-        let default_material = materials.intern(Material::Diffuse { reflectance: [0.5; 3], sigma: 0.0 });
+        let default_material = materials.intern(Material::Diffuse {
+            reflectance: Parameter::Constant([0.5; 3]),
+            sigma: Parameter::Constant(0.0),
+        });
         Builder {
             scene: SceneDescription { max_depth: 5, ..SceneDescription::default() },
             dialect,

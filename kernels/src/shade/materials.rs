@@ -1,0 +1,280 @@
+//! The materials: one table of them all, from which come the classes by which paths are sorted, their names, what they
+//! need, the kernel of each, and the rows that hold their parameters.
+//!
+//! A material is a file beside this one, which declares its [parameters](super::parameters) and makes its lobes from
+//! them ([`Material::bsdf`]), and one row of `materials!` below. Without the row its `impl Material` does not compile; a
+//! row without the file does not either. What the engines and the plan ask of a material they ask of its [`Bsdf`], and
+//! they name none.
+
+use super::Features;
+use super::bsdf::Bsdf;
+use super::parameters::{BadParameter, Parameters};
+use crate::lanes::Real;
+use crate::material_sort;
+use crate::scene::PrimitiveTag;
+use core::fmt;
+
+/// A material: [`Parameters`], and how lobes are made from them.
+///
+/// It needs a row in the table of materials:
+///
+/// ```compile_fail,E0277
+/// use wavepath_kernels::lanes::Real;
+/// use wavepath_kernels::shade::lambert::{DiffuseReflection, Evaluated};
+/// use wavepath_kernels::shade::materials::Material;
+/// use wavepath_kernels::shade::parameters::{BadParameter, Parameters};
+///
+/// #[derive(Clone, Copy, Debug, PartialEq)]
+/// struct Forgotten;
+/// impl Parameters for Forgotten {
+///     type Evaluated<F: Real> = Evaluated<F>;
+///     const WIDTH: usize = 3;
+///     fn write(&self, _rows: &mut Vec<f32>) -> Result<(), BadParameter> { Ok(()) }
+///     unsafe fn evaluate<F: Real>(_rows: &[f32], _row: F::Uint) -> Evaluated<F> { todo!() }
+/// }
+/// impl Material for Forgotten {
+///     type Bsdf<F: Real> = DiffuseReflection<F>;
+///     fn bsdf<F: Real>(at: Evaluated<F>) -> DiffuseReflection<F> { todo!() }
+/// }
+/// ```
+pub trait Material: Parameters + Listed {
+    /// The lobes over lanes `F`.
+    type Bsdf<F: Real>: Bsdf<F>;
+    /// The lobes at a point.
+    fn bsdf<F: Real>(at: Self::Evaluated<F>) -> Self::Bsdf<F>;
+}
+
+mod sealed {
+    /// What the table of materials lists.
+    pub trait Row {}
+}
+
+/// What the table of materials says of each. The table alone implements it: whoever has a class has its row.
+pub trait Listed: sealed::Row + Sized {
+    /// Its class.
+    const CLASS: MaterialClass;
+    /// What its kernel can tell apart of the features `P`: those of specular materials sample no lights.
+    type Sees<P: Features>: Features;
+}
+
+/// Work that is instantiated for every material.
+pub trait ForMaterial {
+    /// What it returns.
+    type Output;
+    /// Does the work for a material.
+    fn run<M: Material>(self) -> Self::Output;
+}
+
+/// Turns [`Bsdf::SPECULAR`] into the features that [`Listed::Sees`].
+#[derive(Clone, Copy, Debug)]
+pub struct Sees<const SPECULAR: bool>;
+/// See [`Sees`].
+pub trait Select {
+    /// What is seen of the features `P`.
+    type Of<P: Features>: Features;
+}
+impl Select for Sees<true> {
+    type Of<P: Features> = P::Specular;
+}
+impl Select for Sees<false> {
+    type Of<P: Features> = P;
+}
+
+macro_rules! materials {
+    ($($(#[doc = $doc:literal])* $name:ident in $module:ident;)*) => {
+        $(pub use super::$module::$name;)*
+
+        /// Class of a primitive's material: the key of `material_sort`, one shade kernel each.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[repr(u32)]
+        pub enum MaterialClass {
+            /// Reflects nothing: the path ends here. It has no kernel.
+            Absorber = 0,
+            $($(#[doc = $doc])* $name,)*
+        }
+
+        impl MaterialClass {
+            /// All of them, in order.
+            pub const ALL: [MaterialClass; Self::COUNT] =
+                [MaterialClass::Absorber, $(MaterialClass::$name),*];
+            /// How many classes there are.
+            pub const COUNT: usize = 1 + [$(stringify!($name)),*].len();
+
+            /// Name for the plan and for profiles.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    MaterialClass::Absorber => "absorber",
+                    $(MaterialClass::$name => stringify!($module),)*
+                }
+            }
+
+            /// Does light sampling find anything there? Not on smooth surfaces.
+            pub const fn samples_lights(self) -> bool {
+                match self {
+                    MaterialClass::Absorber => false,
+                    $(MaterialClass::$name => !<<$name as Material>::Bsdf<f32> as Bsdf<f32>>::SPECULAR,)*
+                }
+            }
+
+            /// Is the radiance of light that passes through scaled by the squared index of refraction?
+            pub const fn scales_radiance(self) -> bool {
+                match self {
+                    MaterialClass::Absorber => false,
+                    $(MaterialClass::$name => <<$name as Material>::Bsdf<f32> as Bsdf<f32>>::SCALES_RADIANCE,)*
+                }
+            }
+
+            /// Does the work for the material of this class; none for [`MaterialClass::Absorber`].
+            #[inline(always)]
+            pub fn with<W: ForMaterial>(self, work: W) -> Option<W::Output> {
+                match self {
+                    MaterialClass::Absorber => None,
+                    $(MaterialClass::$name => Some(work.run::<$name>()),)*
+                }
+            }
+        }
+
+        $(impl sealed::Row for $name {}
+        impl Listed for $name {
+            const CLASS: MaterialClass = MaterialClass::$name;
+            type Sees<P: Features> =
+                <Sees<{ <<$name as Material>::Bsdf<f32> as Bsdf<f32>>::SPECULAR }> as Select>::Of<P>;
+        })*
+    };
+}
+
+materials! {
+    /// Ideal diffuse reflection.
+    Lambert in lambert;
+    /// Diffuse reflection of rough surfaces.
+    OrenNayar in oren_nayar;
+    /// Smooth conductor.
+    Conductor in conductor;
+    /// GGX conductor.
+    RoughConductor in rough_conductor;
+    /// Smooth dielectric.
+    Dielectric in dielectric;
+    /// Thin pane of a smooth dielectric.
+    ThinDielectric in thin_dielectric;
+}
+
+const _: () = assert!(MaterialClass::COUNT <= 1 << PrimitiveTag::CLASS_BITS, "classes must fit the tag");
+const _: () = assert!(material_sort::LISTS <= material_sort::EMITS as usize, "lists must fit the sort's key");
+
+impl MaterialClass {
+    /// The classes that scatter light: those with a kernel.
+    pub fn scattering() -> impl Iterator<Item = MaterialClass> {
+        Self::ALL.into_iter().filter(|&class| class != MaterialClass::Absorber)
+    }
+}
+
+/// Where a material is: what a [`PrimitiveTag`] or a light holds of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MaterialHandle {
+    /// Its class.
+    pub class: MaterialClass,
+    /// Place of its row in the table.
+    pub row: u32,
+}
+
+impl MaterialHandle {
+    /// What reflects nothing: it has no row.
+    pub const ABSORBER: MaterialHandle = MaterialHandle { class: MaterialClass::Absorber, row: 0 };
+}
+
+/// Why a material is not taken into the table.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum MaterialError {
+    /// A parameter is not what it may be.
+    Parameter {
+        /// Name of the material's class.
+        material: &'static str,
+        /// Which, and why.
+        problem: BadParameter,
+    },
+    /// There are more numbers than a [`PrimitiveTag`] can tell apart.
+    Full,
+}
+
+impl fmt::Display for MaterialError {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            MaterialError::Parameter { material, problem } => write!(f, "{material}: {problem}"),
+            MaterialError::Full => write!(
+                f,
+                "the parameters of all materials together are more than {} numbers",
+                MaterialTable::MAX_NUMBERS
+            ),
+        }
+    }
+}
+
+impl core::error::Error for MaterialError {}
+
+/// Parameters of all materials of a scene, a row each, as long as its class has it. Rows are known by the place of
+/// their first number.
+#[derive(Clone, Debug, Default)]
+pub struct MaterialTable {
+    rows: Vec<f32>,
+    /// Class and place of each row, in order of place.
+    materials: Vec<MaterialHandle>,
+}
+
+impl MaterialTable {
+    /// Most numbers in all rows together.
+    pub const MAX_NUMBERS: usize = 1 << PrimitiveTag::ID_BITS;
+
+    /// Adds a material.
+    ///
+    /// # Errors
+    /// [`MaterialError`] names the parameter that is not what it may be.
+    pub fn add<M: Material>(&mut self, material: &M) -> Result<MaterialHandle, MaterialError> {
+        let row = self.rows.len();
+        // Rows without numbers would be in the same place.
+        if row + M::WIDTH.max(1) > Self::MAX_NUMBERS {
+            return Err(MaterialError::Full);
+        }
+        material
+            .write(&mut self.rows)
+            .map_err(|problem| MaterialError::Parameter { material: M::CLASS.name(), problem })?;
+        assert_eq!(self.rows.len(), row + M::WIDTH, "a row is as long as its material says");
+        if M::WIDTH == 0 {
+            self.rows.push(0.0);
+        }
+        let handle = MaterialHandle { class: M::CLASS, row: row as u32 };
+        self.materials.push(handle);
+        Ok(handle)
+    }
+
+    /// Is there such a material?
+    pub fn contains(&self, handle: MaterialHandle) -> bool {
+        handle.class == MaterialClass::Absorber
+            || self
+                .materials
+                .binary_search_by_key(&handle.row, |material| material.row)
+                .is_ok_and(|at| self.materials[at].class == handle.class)
+    }
+
+    /// How many materials.
+    pub fn len(&self) -> usize {
+        self.materials.len()
+    }
+    /// No materials?
+    pub fn is_empty(&self) -> bool {
+        self.materials.is_empty()
+    }
+    /// Bytes on the heap.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.rows[..]) + size_of_val(&self.materials[..])
+    }
+
+    /// The parameters of a material at a point: the one way by which kernels come to them.
+    ///
+    /// # Safety
+    /// At every lane of `row` there is a material `M` in the table ([`MaterialTable::contains`]).
+    #[inline(always)]
+    pub unsafe fn evaluate<M: Material, F: Real>(&self, row: F::Uint) -> M::Evaluated<F> {
+        // SAFETY: the caller's promise; only `add` writes rows.
+        unsafe { M::evaluate::<F>(&self.rows, row) }
+    }
+}

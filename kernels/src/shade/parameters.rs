@@ -1,0 +1,254 @@
+//! Parameters of materials: what a scene gives, what the table holds, what a lobe is made of.
+//!
+//! A material's file declares its parameters once, with `parameters!`: name, type, range. From that come
+//!
+//! - the struct that a scene fills in (say [`Lambert`](super::lambert::Lambert)): each field a [`Parameter`], which is
+//!   a constant or a texture;
+//! - how it is checked and written to a row of the [`MaterialTable`](super::materials::MaterialTable), as long as the
+//!   parameters are;
+//! - `Evaluated`, the parameters at a point, a value a lane, and how they are read from the row.
+//!
+//! Columns have no numbers that anybody writes.
+
+use crate::lanes::{Real, Uint};
+use crate::math::Rgb;
+use core::fmt;
+
+/// Handle of a texture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct TextureId(pub u32);
+
+/// A parameter of a material.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Parameter<T> {
+    /// The same everywhere.
+    Constant(T),
+    /// What a texture says at the point.
+    Texture(TextureId),
+}
+
+impl<T: Copy> Parameter<T> {
+    /// The value, if it is the same everywhere.
+    pub fn constant(self) -> Option<T> {
+        match self {
+            Parameter::Constant(value) => Some(value),
+            Parameter::Texture(_) => None,
+        }
+    }
+}
+
+impl<T> From<T> for Parameter<T> {
+    fn from(value: T) -> Self {
+        Parameter::Constant(value)
+    }
+}
+
+impl<T: fmt::Display> fmt::Display for Parameter<T> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Parameter::Constant(value) => value.fmt(f),
+            Parameter::Texture(TextureId(id)) => write!(f, "texture {id}"),
+        }
+    }
+}
+
+/// What a parameter can be: a number, or a colour as linear red, green, blue.
+pub trait Value: Copy + fmt::Debug {
+    /// The value, a lane each.
+    type Lanes<F: Real>: Copy;
+    /// How many numbers it takes in a row.
+    const WIDTH: usize;
+    /// Its numbers.
+    fn numbers(&self) -> &[f32];
+    /// Reads it from the rows at `at`.
+    ///
+    /// # Safety
+    /// Every lane of `at` is at least [`Value::WIDTH`] below `rows.len()`.
+    unsafe fn load<F: Real>(rows: &[f32], at: F::Uint) -> Self::Lanes<F>;
+}
+
+impl Value for f32 {
+    type Lanes<F: Real> = F;
+    const WIDTH: usize = 1;
+    fn numbers(&self) -> &[f32] {
+        core::slice::from_ref(self)
+    }
+    #[inline(always)]
+    unsafe fn load<F: Real>(rows: &[f32], at: F::Uint) -> F {
+        // SAFETY: the caller's promise.
+        unsafe { F::gather(rows, at) }
+    }
+}
+
+impl Value for [f32; 3] {
+    type Lanes<F: Real> = Rgb<F>;
+    const WIDTH: usize = 3;
+    fn numbers(&self) -> &[f32] {
+        self
+    }
+    #[inline(always)]
+    unsafe fn load<F: Real>(rows: &[f32], at: F::Uint) -> Rgb<F> {
+        // SAFETY: the caller's promise.
+        unsafe {
+            Rgb::new(
+                F::gather(rows, at),
+                F::gather(rows, at + F::Uint::splat(1)),
+                F::gather(rows, at + F::Uint::splat(2)),
+            )
+        }
+    }
+}
+
+/// Where the numbers of a parameter may lie, ends included. Infinite numbers and those that are none lie nowhere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// The least.
+    pub least: f32,
+    /// The largest.
+    pub most: f32,
+}
+
+/// Shares of light.
+pub const UNIT: Range = Range { least: 0.0, most: 1.0 };
+/// Anything that is not negative.
+pub const NOT_NEGATIVE: Range = Range { least: 0.0, most: f32::MAX };
+/// Anything above 0 (that is not denormal).
+pub const POSITIVE: Range = Range { least: f32::MIN_POSITIVE, most: f32::MAX };
+
+impl fmt::Display for Range {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match (self.least, self.most) {
+            (f32::MIN_POSITIVE, f32::MAX) => write!(f, "above 0"),
+            (least, f32::MAX) => write!(f, "at least {least}"),
+            (least, most) => write!(f, "from {least} to {most}"),
+        }
+    }
+}
+
+/// A parameter that is not what it may be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BadParameter {
+    /// Its name.
+    pub parameter: &'static str,
+    /// What it is.
+    pub found: String,
+    /// What it may be.
+    pub expected: String,
+}
+
+impl fmt::Display for BadParameter {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{} is {}, expected {}", self.parameter, self.found, self.expected)
+    }
+}
+
+/// The value of a parameter, if all its numbers are in the range.
+pub fn checked<T: Value>(
+    name: &'static str,
+    parameter: Parameter<T>,
+    range: Range,
+) -> Result<T, BadParameter> {
+    let bad = |found, expected| Err(BadParameter { parameter: name, found, expected });
+    match parameter {
+        Parameter::Constant(value) => {
+            match value.numbers().iter().find(|x| !(range.least..=range.most).contains(x)) {
+                None => Ok(value),
+                Some(x) => bad(x.to_string(), format!("numbers {range}")),
+            }
+        }
+        // Textures have no table of their own yet, so there is none that a number could name.
+        Parameter::Texture(TextureId(id)) => {
+            bad(format!("texture {id}"), "a constant: the scene has no such texture".into())
+        }
+    }
+}
+
+/// The parameters of a material, as a scene gives them. Implemented by the macro `parameters!`.
+pub trait Parameters: Copy + fmt::Debug + PartialEq + Send + Sync + 'static {
+    /// The parameters at a point, a value a lane.
+    type Evaluated<F: Real>: Copy;
+    /// Numbers a row.
+    const WIDTH: usize;
+    /// Checks them and appends their row.
+    ///
+    /// # Errors
+    /// If a parameter is out of its range. The rows are then what they were.
+    fn write(&self, rows: &mut Vec<f32>) -> Result<(), BadParameter>;
+    /// Reads a row.
+    ///
+    /// # Safety
+    /// At every lane of `row`, `rows` holds a row of this material.
+    unsafe fn evaluate<F: Real>(rows: &[f32], row: F::Uint) -> Self::Evaluated<F>;
+}
+
+/// Declares the parameters of a material: see the [module](self).
+///
+/// What a lobe needs and follows from constants alone can be `derived`, once, when the table is built: further columns
+/// of the row, which stand beside the parameters in `Evaluated`.
+macro_rules! parameters {
+    (
+        $(#[doc = $doc:literal])*
+        $material:ident {
+            $($(#[doc = $about:literal])* $name:ident: $type:ty, $range:expr;)*
+        }
+        $(derived {
+            $($(#[doc = $derived_about:literal])* $derived:ident: $derived_type:ty = $value:expr;)*
+        })?
+    ) => {
+        $(#[doc = $doc])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $material {
+            $($(#[doc = $about])* pub $name: $crate::shade::parameters::Parameter<$type>,)*
+        }
+
+        /// The parameters at a point, a value a lane.
+        #[derive(Clone, Copy, Debug)]
+        pub struct Evaluated<F: $crate::lanes::Real> {
+            $($(#[doc = $about])* pub $name: <$type as $crate::shade::parameters::Value>::Lanes<F>,)*
+            $($(
+                $(#[doc = $derived_about])*
+                pub $derived: <$derived_type as $crate::shade::parameters::Value>::Lanes<F>,
+            )*)?
+        }
+
+        impl $crate::shade::parameters::Parameters for $material {
+            type Evaluated<F: $crate::lanes::Real> = Evaluated<F>;
+            const WIDTH: usize = 0
+                $(+ <$type as $crate::shade::parameters::Value>::WIDTH)*
+                $($(+ <$derived_type as $crate::shade::parameters::Value>::WIDTH)*)?;
+
+            fn write(&self, rows: &mut Vec<f32>) -> Result<(), $crate::shade::parameters::BadParameter> {
+                use $crate::shade::parameters::{Value, checked};
+                $(let $name: $type = checked(stringify!($name), self.$name, $range)?;)*
+                $(rows.extend($name.numbers());)*
+                $($({
+                    let derived: $derived_type = $value;
+                    rows.extend(derived.numbers());
+                })*)?
+                Ok(())
+            }
+
+            #[inline(always)]
+            #[allow(unused_assignments)]
+            unsafe fn evaluate<F: $crate::lanes::Real>(rows: &[f32], row: F::Uint) -> Evaluated<F> {
+                use $crate::lanes::Uint;
+                use $crate::shade::parameters::Value;
+                let mut next = 0;
+                macro_rules! column {
+                    ($column_type:ty) => {{
+                        let at = row + F::Uint::splat(next);
+                        next += <$column_type as Value>::WIDTH as u32;
+                        // SAFETY: the caller's promise; `write` wrote the columns in this order.
+                        unsafe { <$column_type as Value>::load::<F>(rows, at) }
+                    }};
+                }
+                // Fields are evaluated in the order in which they stand here.
+                Evaluated {
+                    $($name: column!($type),)*
+                    $($($derived: column!($derived_type),)*)?
+                }
+            }
+        }
+    };
+}
+pub(crate) use parameters;
