@@ -289,6 +289,30 @@ fn the_depth_limit_counts_scattering_vertices() {
     }
 }
 
+/// A mirror inside of a sphere that emits 1 shows itself in itself: `maxdepth` + 1, however deep.
+#[test]
+fn thousands_of_bounces_are_counted() {
+    let scene = scene(
+        r#"
+        LookAt .1 .2 .1  .4 .3 .8  0 1 0
+        Camera "perspective"
+        Integrator "path" "integer maxdepth" 12000
+        Film "rgb" "integer xresolution" 4 "integer yresolution" 3
+        WorldBegin
+        Material "conductor" "rgb eta" [ 1 1 1 ] "rgb k" [ 1e6 1e6 1e6 ]
+        AreaLightSource "diffuse" "rgb L" [ 1 1 1 ]
+        ReverseOrientation
+        Shape "sphere"
+        "#,
+    );
+    let [a, b] = ENGINES.map(|engine| Render { engine, spp: Some(4), ..Render::default() }.of(&scene));
+    assert_same("mirror sphere", &a, &b);
+    assert_consistent("mirror sphere", &a);
+    for mean in a.mean() {
+        assert!((mean / 12_001.0 - 1.0).abs() < 1e-4, "{mean}");
+    }
+}
+
 /// A sky of radiance 1 and nothing else: 1 in every pixel, whatever the filter and its negative lobes.
 #[test]
 fn an_empty_scene_shows_its_sky() {

@@ -316,6 +316,20 @@ fn materials_have_pbrts_defaults_and_remappings() {
 }
 
 #[test]
+fn depths_beyond_the_limit_are_limited_with_a_warning() {
+    let loaded = |depth: u32| {
+        read(&format!("Integrator \"path\" \"integer maxdepth\" {depth}\nWorldBegin Shape \"sphere\""))
+            .unwrap()
+    };
+    let deep = loaded(10_000);
+    assert_eq!((deep.scene.max_depth, deep.warnings.len()), (10_000, 0));
+    let deeper = loaded(100_000);
+    assert_eq!((deeper.scene.max_depth, deeper.warnings.len()), (16_382, 1));
+    let warning = deeper.warnings[0].to_string();
+    assert!(warning.contains("100000") && warning.contains("16382"), "{warning}");
+}
+
+#[test]
 fn reflectances_and_dispersion_warn() {
     let warnings = |text: &str| {
         let text = format!("Film \"rgb\" WorldBegin LightSource \"infinite\" {text}");

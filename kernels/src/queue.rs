@@ -130,7 +130,7 @@ queues! {
         throughput_g: f32, Always, "throughput, green";
         throughput_b: f32, Always, "throughput, blue";
         pdf: f32, LightSampling, "density of the direction over solid angle; 0: specular, or from the camera";
-        slot_depth: u32, Always, "slot (low 20 bits) and number of the next vertex (high 12 bits)";
+        slot_depth: u32, Always, "slot (low 18 bits) and number of the next vertex (high 14 bits)";
     }
     /// Closest hits of the paths, by place in the path queue.
     HitQueue "hit" {
@@ -172,7 +172,7 @@ queues! {
 }
 
 /// Bits of [`PathQueue::slot_depth`] that hold the slot.
-pub const SLOT_BITS: u32 = 20;
+pub const SLOT_BITS: u32 = 18;
 /// Largest number of paths of one worker.
 pub const MAX_BATCH: usize = 1 << SLOT_BITS;
 /// Largest `maxdepth` that fits beside the slot: the number of a vertex goes one further.

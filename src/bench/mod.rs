@@ -172,7 +172,7 @@ impl SceneFigures {
 }
 
 /// Pools of the sweep.
-const BATCHES: [usize; 8] = [64, 256, 1 << 10, 1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20];
+const BATCHES: [usize; 7] = [64, 256, 1 << 10, 1 << 12, 1 << 14, 1 << 16, 1 << 18];
 
 /// Measures a scene; `said` is told what is being done.
 pub fn measure(subject: &Subject, effort: Effort, mut said: impl FnMut(&str)) -> SceneFigures {

@@ -40,6 +40,12 @@ pub enum BuildError {
         /// Which parameter, and why.
         problem: m::MaterialError,
     },
+    /// Paths longer than can be counted.
+    #[error("maxdepth is {found}; at most {MAX_DEPTH} is supported")]
+    MaxDepth {
+        /// The depth.
+        found: u32,
+    },
     /// The scene holds more of something than can be numbered.
     #[error("the scene has {found} {what}; at most {limit} are supported")]
     TooMany {
@@ -89,7 +95,7 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
         materials: builder.materials,
         lights: builder.lights,
         environment,
-        max_depth: description.max_depth.min(MAX_DEPTH),
+        max_depth: description.max_depth,
     })
 }
 
@@ -207,6 +213,9 @@ impl Builder<'_> {
         };
         check("primitives", primitives, MAX_PRIMITIVES)?;
         check("lights", emitters + d.lights.len(), MAX_LIGHTS)?;
+        if d.max_depth > MAX_DEPTH {
+            return Err(BuildError::MaxDepth { found: d.max_depth });
+        }
         let vertices = d.meshes.iter().map(|m| m.positions.len()).sum();
         check("vertices", vertices, u32::MAX as usize / 4)
     }
@@ -565,5 +574,12 @@ mod tests {
         assert!(error_of(rough([0.1, 0.2])).contains("anisotropic"));
         let textured = d::Material::ThinDielectric { eta: d::Parameter::Texture(d::TextureId(0)) };
         assert!(error_of(textured).contains("eta is texture 0"));
+    }
+
+    #[test]
+    fn endless_paths_are_refused() {
+        let endless = d::SceneDescription { max_depth: u32::MAX, ..d::SceneDescription::default() };
+        let error = build(&endless, SphericalLights::Cone).expect_err("refused");
+        assert_eq!(error, BuildError::MaxDepth { found: u32::MAX });
     }
 }

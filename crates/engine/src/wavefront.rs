@@ -98,6 +98,8 @@ struct Pool<'a, P, A> {
 impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
     fn new(job: &'a Job<'a>, accelerator: &'a A, batch: usize) -> Self {
         let requirements: Requirements = job.plan.requirements;
+        // Slots must fit their bits beside the depth.
+        let batch = batch.clamp(PACKET, MAX_BATCH);
         // Units end in any order: room for those that hold the paths, and as many with stragglers.
         let unit_count = 2 * batch.div_ceil(job.schedule.unit_paths()) + 6;
         let unit = || OpenUnit {

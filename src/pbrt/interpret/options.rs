@@ -4,6 +4,7 @@ use crate::pbrt::error::{Problem, Result, Span};
 use crate::pbrt::parameters::{Parameter, ParameterType, Parameters, Values};
 use crate::pbrt::parser::Name;
 use crate::scene::{Camera, Film, Filter, Sampler, SamplerKind};
+use wavepath_kernels::queue::MAX_DEPTH;
 
 use super::{Builder, unknown_kind, unsupported_kind};
 
@@ -97,7 +98,6 @@ impl Builder {
             resolution,
             pixel_bounds: self.pixel_bounds(parameters, resolution)?,
             filename: parameters.string("filename")?.map(str::to_string),
-            half: parameters.bool_or("savefp16", false)?,
         };
         self.exposure(parameters)?;
         for limit in ["maxcomponentvalue", "maxsampleluminance"] {
@@ -109,8 +109,8 @@ impl Builder {
                 ));
             }
         }
-        // Sizes in millimetres matter to realistic cameras only.
-        parameters.accept(&["diagonal", "coordinatesystem"]);
+        // Sizes in millimetres matter to realistic cameras only; half precision is a property of the file.
+        parameters.accept(&["diagonal", "savefp16", "coordinatesystem"]);
         self.check_unused(parameters, &format!("film \"{}\"", name.text))
     }
 
@@ -279,7 +279,13 @@ impl Builder {
         }
         match parameters.integer("maxdepth")? {
             None => {}
-            Some(depth) if depth >= 0 => self.scene.max_depth = depth as u32,
+            Some(depth) if depth >= 0 => {
+                self.scene.max_depth = (depth as u32).min(MAX_DEPTH);
+                if depth as u32 > MAX_DEPTH {
+                    let expected = format!("paths end after {MAX_DEPTH} bounces");
+                    self.warn(parameters.bad("maxdepth", &depth.to_string(), &expected));
+                }
+            }
             Some(depth) => {
                 return Err(parameters.bad("maxdepth", &depth.to_string(), "expected at least 0"));
             }
