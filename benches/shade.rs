@@ -14,7 +14,7 @@ use wavepath_kernels::queue::{PathQueue, SHADOW_RAYS, ShadowQueue};
 use wavepath_kernels::shade::emission::Emission;
 use wavepath_kernels::shade::environment::Environment;
 use wavepath_kernels::shade::materials::{
-    Conductor, Dielectric, Lambert, Material, OrenNayar, RoughConductor, ThinDielectric,
+    Conductor, Dielectric, DiffuseTransmission, Lambert, Material, OrenNayar, RoughConductor, ThinDielectric,
 };
 use wavepath_kernels::shade::{Features, Kinds, Shade};
 
@@ -71,9 +71,11 @@ fn materials(c: &mut Criterion) {
     let (cornell, sponge) = (Loaded::shipped("cornell"), Loaded::menger(Lamp::Ball));
     let (still_life, metals) = (Loaded::shipped("wineglass"), Loaded::shipped("metals"));
     let panes = Loaded::shipped("glass-pane");
+    let paper = Loaded::menger(Lamp::Ball).of_paper();
     scatter::<Lambert, SphericalLamps>(c, &cornell);
     scatter::<Lambert, SphericalLamps>(c, &sponge);
     scatter::<OrenNayar, SphericalLamps>(c, &still_life);
+    scatter::<DiffuseTransmission, SphericalLamps>(c, &paper);
     scatter::<Conductor, NoLamps>(c, &metals);
     scatter::<RoughConductor, SphericalLamps>(c, &metals);
     scatter::<Dielectric, NoLamps>(c, &still_life);

@@ -48,6 +48,8 @@ const BALLS: &str = r#"
         Shape "sphere" "float radius" .4 "float zmin" -.2 "float zmax" .3 "float phimax" 250 AttributeEnd
     AttributeBegin Material "conductor" "float roughness" .01 "bool remaproughness" false
         Translate -1.5 .6 -2 Rotate 30 1 0 0 Shape "disk" "float radius" .5 "float innerradius" .2 AttributeEnd
+    AttributeBegin Material "diffusetransmission" "rgb reflectance" [ .2 .5 .3 ] "rgb transmittance" [ .6 .2 .3 ]
+        Translate 0 1.2 -1 Shape "sphere" "float radius" .3 AttributeEnd
     AttributeBegin Material "dielectric" Translate 3 1.5 1 Scale .3 .3 .3
         Shape "plymesh" "string filename" "meshes/block.ply" AttributeEnd
 "#;
@@ -310,6 +312,44 @@ fn thousands_of_bounces_are_counted() {
     assert_consistent("mirror sphere", &a);
     for mean in a.mean() {
         assert!((mean / 12_001.0 - 1.0).abs() < 1e-4, "{mean}");
+    }
+}
+
+/// A flat sheet under a sky of radiance 1 reflects its share of it and lets its share pass: the sum, from both sides,
+/// however light is found; and lit from behind by a lamp it shows what passes alone.
+#[test]
+fn a_sheet_reflects_and_transmits() {
+    let sheet = |from_z: f64, light: &str| {
+        scene(&format!(
+            r#"
+            LookAt 0 0 {from_z}  0 0 0  0 1 0
+            Camera "perspective" "float fov" 10
+            Integrator "path" "integer maxdepth" 1
+            Film "rgb" "integer xresolution" 8 "integer yresolution" 8
+            WorldBegin
+            {light}
+            Material "diffusetransmission" "rgb reflectance" [ .2 .5 .3 ] "rgb transmittance" [ .6 .2 .3 ]
+            Shape "disk" "float radius" 5
+            "#
+        ))
+    };
+    let sky = r#"LightSource "infinite" "rgb L" [ 1 1 1 ]"#;
+    // At 60 degrees, so that the irradiance is pi.
+    let lamp = r#"LightSource "distant" "rgb L" [ 2 2 2 ] "float scale" 3.14159265
+        "point3 from" [ 0 1.7320508 1 ] "point3 to" [ 0 0 0 ]"#;
+    for (from_z, light, want) in [
+        (4.0, sky, [0.8, 0.7, 0.6]),
+        (-4.0, sky, [0.8, 0.7, 0.6]),
+        (4.0, lamp, [0.2, 0.5, 0.3]),
+        (-4.0, &lamp[..], [0.6, 0.2, 0.3]),
+    ] {
+        let scene = sheet(from_z, light);
+        let [a, b] = ENGINES.map(|engine| Render { engine, spp: Some(256), ..Render::default() }.of(&scene));
+        assert_same("sheet", &a, &b);
+        assert_consistent("sheet", &a);
+        for (mean, want) in a.mean().into_iter().zip(want) {
+            assert!((mean - want).abs() < 4e-3, "{light} from z {from_z}: {mean}, not {want}");
+        }
     }
 }
 

@@ -316,6 +316,24 @@ fn materials_have_pbrts_defaults_and_remappings() {
 }
 
 #[test]
+fn diffuse_transmission_has_pbrts_defaults_and_scale() {
+    let shares = |text: &str| {
+        let text = format!("Material \"diffusetransmission\" {text} Shape \"sphere\"");
+        let Material::DiffuseTransmission { reflectance, transmittance } = world(&text).materials[0] else {
+            panic!()
+        };
+        (value(reflectance), value(transmittance))
+    };
+    assert_eq!(shares(""), ([0.25; 3], [0.25; 3]));
+    assert_eq!(
+        shares("\"rgb transmittance\" [ .5 .25 0 ] \"float scale\" .5"),
+        ([0.125; 3], [0.25, 0.125, 0.0])
+    );
+    // Clamped after scaling.
+    assert_eq!(shares("\"rgb reflectance\" [ .5 .25 0 ] \"float scale\" 3"), ([1.0, 0.75, 0.0], [0.75; 3]));
+}
+
+#[test]
 fn depths_beyond_the_limit_are_limited_with_a_warning() {
     let loaded = |depth: u32| {
         read(&format!("Integrator \"path\" \"integer maxdepth\" {depth}\nWorldBegin Shape \"sphere\""))

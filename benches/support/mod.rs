@@ -14,7 +14,7 @@ use wavepath::engine::{Done, Job};
 use wavepath::film::Film;
 use wavepath::meshes::{Menger, Terrain, TorusKnot};
 use wavepath::plan::Plan;
-use wavepath::scene::{self, Mesh, SceneDescription, SphericalLights};
+use wavepath::scene::{self, Mesh, Parameter, SceneDescription, SphericalLights};
 use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::isa::Level;
@@ -103,6 +103,16 @@ impl Loaded {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes").join(name).with_extension("pbrt");
         let loaded = wavepath::pbrt::load(&path).unwrap_or_else(|error| panic!("{error}"));
         Loaded::new(name, loaded.scene)
+    }
+
+    /// The scene with all surfaces of paper that lets half of the light through.
+    pub fn of_paper(self) -> Self {
+        let Loaded { name, mut description, .. } = self;
+        for material in &mut description.materials {
+            let half = Parameter::Constant([0.5; 3]);
+            *material = scene::Material::DiffuseTransmission { reflectance: half, transmittance: half };
+        }
+        Loaded::new(name, description)
     }
 
     /// The scene in another resolution.

@@ -13,8 +13,8 @@ use wavepath_kernels::scene::{MaterialHandle, MaterialTable};
 use wavepath_kernels::shade::bsdf::{Bsdf, BsdfSample};
 use wavepath_kernels::shade::fresnel;
 use wavepath_kernels::shade::materials::{
-    Conductor, Dielectric, Lambert, Listed, Material, MaterialClass, MaterialError, OrenNayar,
-    RoughConductor, ThinDielectric,
+    Conductor, Dielectric, DiffuseTransmission, Lambert, Listed, Material, MaterialClass, MaterialError,
+    OrenNayar, RoughConductor, ThinDielectric,
 };
 use wavepath_kernels::shade::parameters::{BadParameter, Parameter, Parameters, TextureId};
 
@@ -50,6 +50,10 @@ fn dielectric(eta: f32, reflectance: [f32; 3], transmittance: [f32; 3]) -> Diele
 fn thin_dielectric(eta: f32) -> ThinDielectric {
     ThinDielectric { eta: eta.into() }
 }
+fn diffuse_transmission(reflectance: [f32; 3], transmittance: [f32; 3]) -> DiffuseTransmission {
+    DiffuseTransmission { reflectance: reflectance.into(), transmittance: transmittance.into() }
+}
+
 /// Draws a direction as the path step does.
 fn draw<F: Real, B: Bsdf<F>>(bsdf: &B, wo: [f64; 3], random: &mut Random) -> BsdfSample<F> {
     let u = [random.unit(), random.unit()].map(F::lit);
@@ -82,6 +86,13 @@ fn single(v: [f64; 3]) -> [f64; 3] {
 const COSINES: [f64; 5] = [1.0, 0.9, 0.5, 0.1, 0.01];
 const SIGMAS: [f32; 3] = [10.0, 20.0, 60.0];
 const ALPHAS: [f32; 6] = [0.01, 0.03, 0.1, 0.3, 0.6, 1.0];
+/// What is reflected diffusely, and what passes diffusely.
+const SHARES: [([f32; 3], [f32; 3]); 4] = [
+    ([0.25; 3], [0.25; 3]),
+    ([0.2, 0.5, 0.9], [0.75, 0.1, 0.05]),
+    ([0.0; 3], [0.5, 0.25, 1.0]),
+    ([0.6; 3], [0.0; 3]),
+];
 /// Gold, roughly; and what reflects everything.
 const GOLD: ([f32; 3], [f32; 3]) = ([0.18, 0.42, 1.37], [3.42, 2.35, 1.77]);
 const PERFECT: ([f32; 3], [f32; 3]) = ([0.0; 3], [1.0; 3]);
@@ -146,7 +157,7 @@ fn assert_sampling<M: Material>(what: &str, material: M, alpha: Option<f32>, fam
 
 #[test]
 fn samples_follow_their_density() {
-    let family = (1 + SIGMAS.len() + ALPHAS.len()) * COSINES.len();
+    let family = (1 + SIGMAS.len() + ALPHAS.len() + 2 * SHARES.len()) * COSINES.len();
     assert_sampling::<Lambert>("Lambert", lambert([0.5; 3]), None, family);
     for sigma in SIGMAS {
         let row = oren_nayar([0.5; 3], sigma);
@@ -155,6 +166,11 @@ fn samples_follow_their_density() {
     for alpha in ALPHAS {
         let what = format!("rough conductor {alpha}");
         assert_sampling::<RoughConductor>(&what, rough(alpha), Some(alpha), family);
+    }
+    for (reflectance, transmittance) in SHARES {
+        let what = format!("diffuse transmission {reflectance:?} {transmittance:?}");
+        let material = diffuse_transmission(reflectance, transmittance);
+        assert_sampling::<DiffuseTransmission>(&what, material, None, family);
     }
 }
 
@@ -204,6 +220,11 @@ fn weight_is_value_over_density() {
         assert_weights::<f64, RoughConductor>(&what, rough(alpha), |o, i| 1e-14 * sensitivity(o, i) + 1e-12);
         assert_weights::<f32, RoughConductor>(&what, rough(alpha), |o, i| 2e-6 * sensitivity(o, i));
     }
+    for (reflectance, transmittance) in SHARES {
+        let material = diffuse_transmission(reflectance, transmittance);
+        assert_weights::<f64, _>("diffuse transmission", material, |_, _| 1e-12);
+        assert_weights::<f32, _>("diffuse transmission", material, |_, _| 1e-6);
+    }
 }
 
 fn assert_reciprocal<M: Material>(what: &str, material: M) {
@@ -235,6 +256,9 @@ fn materials_are_reciprocal() {
     for alpha in ALPHAS {
         assert_reciprocal::<RoughConductor>("rough conductor", rough(alpha));
     }
+    for (reflectance, transmittance) in SHARES {
+        assert_reciprocal("diffuse transmission", diffuse_transmission(reflectance, transmittance));
+    }
 }
 
 /// Directional albedo by quadrature, checked against the mean weight of samples in single precision.
@@ -256,6 +280,13 @@ fn furnaces_are_white() {
         let wo = single(direction(cos));
         let lambert = albedo::<Lambert>("Lambert", lambert([1.0; 3]), wo, None);
         assert!((lambert - 1.0).abs() < 1e-5, "Lambert, cos {cos}: {lambert}");
+        // What is not reflected passes: seen from either side.
+        for (share, side) in [(0.0, 1.0), (0.3, 1.0), (0.3, -1.0), (1.0, -1.0)] {
+            let material = diffuse_transmission([share; 3], [1.0 - share; 3]);
+            let wo = [wo[0], wo[1], side * wo[2]];
+            let got = albedo("diffuse transmission", material, wo, None);
+            assert!((got - 1.0).abs() < 1e-5, "diffuse transmission {share}, cos {cos}: {got}");
+        }
         for sigma in SIGMAS {
             let row = oren_nayar([1.0; 3], sigma);
             let oren_nayar = albedo::<OrenNayar>("Oren-Nayar", row, wo, None);
@@ -577,6 +608,9 @@ fn single_precision_is_enough() {
     for sigma in SIGMAS {
         assert_precise::<OrenNayar>("Oren-Nayar", oren_nayar([0.2, 0.5, 1.0], sigma), 1e-6);
     }
+    for (reflectance, transmittance) in SHARES {
+        assert_precise("diffuse transmission", diffuse_transmission(reflectance, transmittance), 1e-6);
+    }
     for alpha in [1e-3, 0.01, 0.1, 0.3, 1.0] {
         // Rounding of the half vector (1e-7), relative to the width of the lobe.
         let tolerance = 2e-6 + 8e-7 / alpha as f64;
@@ -615,6 +649,8 @@ fn assert_finite<M: Material>(what: &str, material: M) {
 fn extremes_stay_finite() {
     assert_finite::<Lambert>("Lambert", lambert([1.0; 3]));
     assert_finite::<OrenNayar>("Oren-Nayar", oren_nayar([1.0; 3], 60.0));
+    assert_finite("diffuse transmission", diffuse_transmission([1.0; 3], [1.0; 3]));
+    assert_finite("diffuse transmission, black", diffuse_transmission([0.0; 3], [0.0; 3]));
     assert_finite::<Conductor>("conductor", conductor(GOLD.0, GOLD.1));
     for alpha in [1e-3, 1e-2, 0.1, 1.0] {
         assert_finite::<RoughConductor>(&format!("rough conductor {alpha}"), rough(alpha));
@@ -636,6 +672,7 @@ fn wide_lanes_scatter_to_the_same_bits() {
             compare::<I::Wide, I::One, OrenNayar>(oren_nayar([0.2, 0.5, 1.0], 20.0));
             compare::<I::Wide, I::One, Conductor>(conductor(GOLD.0, GOLD.1));
             compare::<I::Wide, I::One, RoughConductor>(rough(0.2));
+            compare::<I::Wide, I::One, _>(diffuse_transmission([0.2, 0.5, 0.9], [0.6, 0.1, 0.05]));
             compare::<I::Wide, I::One, Dielectric>(dielectric(1.5, TINTS.0, TINTS.1));
             compare::<I::Wide, I::One, ThinDielectric>(thin_dielectric(1.5));
         }
@@ -672,6 +709,23 @@ fn wide_lanes_scatter_to_the_same_bits() {
     Level::available().for_each(|level| level.run(Scatter));
 }
 
+/// Half of the light of the formula on each side, whichever side is looked at.
+#[test]
+fn diffuse_transmission_is_lambert_on_both_sides() {
+    let (reflectance, transmittance) = ([0.2f32, 0.5, 0.9], [0.6f32, 0.1, 0.05]);
+    let bsdf = bsdf::<_, f64>(diffuse_transmission(reflectance, transmittance));
+    let mut random = Random::new(14);
+    for _ in 0..2_000 {
+        let [wo, wi] = [0; 2].map(|_| random.direction());
+        let share = if wo[2] * wi[2] > 0.0 { reflectance } else { transmittance };
+        let got = channels(bsdf.eval(lanes(wo), lanes(wi)));
+        for c in 0..3 {
+            let want = share[c] as f64 * FRAC_1_PI * wi[2].abs();
+            assert!((got[c] - want).abs() < 1e-12, "{got:?}, not {share:?} / pi cos for {wo:?}, {wi:?}");
+        }
+    }
+}
+
 /// Numbers out of range, infinite ones and those that are none are refused, with the names of material and parameter.
 #[test]
 fn bad_parameters_are_refused() {
@@ -690,6 +744,7 @@ fn bad_parameters_are_refused() {
         assert_eq!((material, problem.parameter), ("lambert", "reflectance"));
         assert_eq!((problem.found, &problem.expected[..]), (bad.to_string(), "numbers from 0 to 1"));
         assert_eq!(refused(oren_nayar([0.5; 3], 100.0 * bad)).1.parameter, "sigma");
+        assert_eq!(refused(diffuse_transmission([0.5; 3], [bad; 3])).1.parameter, "transmittance");
     }
     for bad in [-1.0, f32::NAN, f32::INFINITY] {
         assert_eq!(refused(conductor([bad; 3], [1.0; 3])).1.parameter, "eta");
@@ -743,7 +798,10 @@ fn classes_need_what_their_lobes_need() {
     let names = |asks: fn(MaterialClass) -> bool| -> Vec<&str> {
         MaterialClass::ALL.into_iter().filter(|&class| asks(class)).map(MaterialClass::name).collect()
     };
-    assert_eq!(names(MaterialClass::samples_lights), ["lambert", "oren_nayar", "rough_conductor"]);
+    assert_eq!(
+        names(MaterialClass::samples_lights),
+        ["lambert", "oren_nayar", "rough_conductor", "diffuse_transmission"]
+    );
     assert_eq!(names(MaterialClass::scales_radiance), ["dielectric"]);
     assert_eq!(MaterialClass::scattering().count(), MaterialClass::COUNT - 1);
     for (number, class) in MaterialClass::ALL.into_iter().enumerate() {

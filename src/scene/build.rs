@@ -234,9 +234,15 @@ impl Builder<'_> {
         const ZERO: d::Parameter<f32> = d::Parameter::Constant(0.0);
         let table = &mut self.materials;
         match material {
-            d::Material::Diffuse { reflectance: BLACK, .. } => Ok(MaterialHandle::ABSORBER),
+            d::Material::Diffuse { reflectance: BLACK, .. }
+            | d::Material::DiffuseTransmission { reflectance: BLACK, transmittance: BLACK } => {
+                Ok(MaterialHandle::ABSORBER)
+            }
             d::Material::Diffuse { reflectance, sigma: ZERO } => table.add(&m::Lambert { reflectance }),
             d::Material::Diffuse { reflectance, sigma } => table.add(&m::OrenNayar { reflectance, sigma }),
+            d::Material::DiffuseTransmission { reflectance, transmittance } => {
+                table.add(&m::DiffuseTransmission { reflectance, transmittance })
+            }
             d::Material::Conductor { eta, k, alpha: [ZERO, ZERO] } => table.add(&m::Conductor { eta, k }),
             d::Material::Conductor { eta, k, alpha: [alpha, along_v] } => {
                 if alpha != along_v {

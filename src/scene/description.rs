@@ -237,6 +237,13 @@ pub enum Material {
         /// Standard deviation of the facets' slope, in degrees.
         sigma: Parameter<f32>,
     },
+    /// Diffuse reflection and diffuse transmission.
+    DiffuseTransmission {
+        /// Share of the light that is reflected, each channel in [0, 1].
+        reflectance: Parameter<Rgb>,
+        /// Share of the light that passes, each channel in [0, 1].
+        transmittance: Parameter<Rgb>,
+    },
     /// Conductor with complex index of refraction; GGX where rough.
     Conductor {
         /// Real part of the index.

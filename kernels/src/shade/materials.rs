@@ -156,6 +156,8 @@ materials! {
     Dielectric in dielectric;
     /// Thin pane of a smooth dielectric.
     ThinDielectric in thin_dielectric;
+    /// Diffuse reflection and transmission.
+    DiffuseTransmission in diffuse_transmission;
 }
 
 const _: () = assert!(MaterialClass::COUNT <= 1 << PrimitiveTag::CLASS_BITS, "classes must fit the tag");

@@ -6,6 +6,7 @@
 pub mod bsdf;
 pub mod conductor;
 pub mod dielectric;
+pub mod diffuse_transmission;
 pub mod emission;
 pub mod environment;
 pub mod fresnel;

@@ -16,8 +16,9 @@ use super::{Builder, unknown_kind, unsupported_kind};
 /// pbrt's `EffectivelySmooth`: below it a surface is smooth.
 const SMOOTH: f64 = 1e-3;
 
-const SUPPORTED: [&str; 11] = [
+const SUPPORTED: [&str; 12] = [
     "diffuse",
+    "diffusetransmission",
     "conductor",
     "dielectric",
     "thindielectric",
@@ -30,10 +31,9 @@ const SUPPORTED: [&str; 11] = [
     "uber",
 ];
 
-const UNSUPPORTED: [&str; 13] = [
+const UNSUPPORTED: [&str; 12] = [
     "coateddiffuse",
     "coatedconductor",
-    "diffusetransmission",
     "subsurface",
     "hair",
     "measured",
@@ -189,6 +189,7 @@ impl Builder {
         let material = match kind.text.as_str() {
             "diffuse" => self.diffuse(parameters, "reflectance")?,
             "matte" => self.diffuse(parameters, "Kd")?,
+            "diffusetransmission" => self.diffuse_transmission(parameters)?,
             "conductor" => self.conductor(parameters)?,
             "metal" => self.metal(parameters)?,
             "mirror" => self.mirror(kind, parameters)?,
@@ -237,6 +238,17 @@ impl Builder {
             return Err(parameters.bad("sigma", &sigma.to_string(), "expected 0 to 90 degrees"));
         }
         Ok(Material::Diffuse { reflectance: reflectance.into(), sigma: (sigma as f32).into() })
+    }
+
+    /// Both shares times `scale`, then clamped to [0, 1], as pbrt does.
+    fn diffuse_transmission(&mut self, parameters: &Parameters) -> Result<Material> {
+        let scale = parameters.float_or("scale", 1.0)?;
+        let mut share = |name| -> Result<Parameter<[f32; 3]>> {
+            let value = self.reflectance(parameters, name, 0.25)?;
+            Ok(value.map(|c| (scale * c).clamp(0.0, 1.0) as f32).into())
+        };
+        let (reflectance, transmittance) = (share("reflectance")?, share("transmittance")?);
+        Ok(Material::DiffuseTransmission { reflectance, transmittance })
     }
 
     fn conductor(&mut self, parameters: &Parameters) -> Result<Material> {
