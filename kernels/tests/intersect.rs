@@ -977,3 +977,37 @@ fn nested_shells_make_no_stack_overflow() {
     let mut random = Random::new(16);
     assert_trees_agree("nested", &g, &random_rays(&mut random, 100, 2.0));
 }
+
+#[test]
+fn regular_things_in_large_numbers_make_shallow_trees() {
+    // What a builder that pairs neighbours takes steps by the square of the number for.
+    let n = 200_000;
+    let down = |x: f64, y: f64, z: f64| ray([x, y, z + 5.0], [x, y, z]);
+    type Place = fn(f32) -> Triangle;
+    let cases: [(&str, Place, [Ray; 2]); 3] = [
+        (
+            "row",
+            |x| [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0]],
+            [down(1_000.25, 0.25, 0.0), down(199_999.25, 0.25, 0.0)],
+        ),
+        (
+            "stack",
+            |x| [[0.0, 0.0, x], [100.0, 0.0, x], [0.0, 100.0, x]],
+            [down(10.0, 10.0, 200_000.0), down(25.0, 70.0, 100.0)],
+        ),
+        (
+            "concentric",
+            |x| [[-1.0 - x, -1.0 - x, 1.0 + x], [1.0 + x, -1.0 - x, 1.0 + x], [-1.0 - x, 1.0 + x, -1.0 - x]],
+            [down(0.0, -0.5, 5.0), down(-3.0, -5.0, 100.0)],
+        ),
+    ];
+    for (what, place, rays) in cases {
+        let triangles: Vec<Triangle> = (0..n).map(|i| place(i as f32)).collect();
+        let g = geometry(&triangles, &[], &[]);
+        let hits = assert_trees_agree(what, &g, &rays);
+        assert!(hits.iter().all(|hit| hit.primitive != MISS), "{what}");
+        // Seven siblings wait at each level, of which there are at most one for each of the binary tree.
+        let stack = Bvh8::new(&g).stack().lanes.len();
+        assert!(stack <= 8 * (3 * 17 + 25), "{what}: {stack}");
+    }
+}

@@ -1,7 +1,7 @@
 //! Stage `intersect`: the closest hit of every path. And what all ray queries share: the test of one primitive, the
 //! rule for ties, the trees.
 //!
-//! Two trees over the same primitives, both from obvhs' builder: [`bvh2::NaiveBvh`] is walked by obvhs itself, one
+//! Two trees over the same primitives, both by the same builder: [`bvh2::NaiveBvh`] is binary and walked by obvhs, one
 //! ray at a time, and is what a good engineer writes first; [`bvh8::Bvh8`] is 8 wide and walked here.
 //!
 //! Of several primitives at the same distance the one with the lowest number is hit, in every tree: coincident faces
@@ -9,6 +9,7 @@
 
 pub mod bvh2;
 pub mod bvh8;
+mod partition;
 pub mod quadric;
 pub mod ray_sort;
 pub mod sphere;
