@@ -28,7 +28,7 @@ fn generate(c: &mut Criterion) {
                 turn += 1;
                 paths.len = 0;
                 level.run(Generate::<Sobol> {
-                    camera: &loaded.scene.camera,
+                    camera: loaded.scene.camera(),
                     batch: Batch {
                         block: &film.blocks[turn % 64],
                         image_width: film.image_width,

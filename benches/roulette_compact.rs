@@ -13,7 +13,7 @@ use wavepath_kernels::sampler::Sobol;
 fn roulette_compact(c: &mut Criterion) {
     let level = Level::detect();
     for loaded in [Loaded::shipped("cornell"), Loaded::menger(Lamp::Ball)] {
-        let tree = Bvh8::new(&loaded.scene.geometry);
+        let tree = Bvh8::new(loaded.scene.geometry());
         let mut group = c.benchmark_group(format!("roulette_compact/{}", loaded.name));
         for (when, round) in loaded.first_and_deep(&tree) {
             let mut slots = round.lit_slots.clone();

@@ -6,7 +6,7 @@ mod support;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use wavepath_kernels::intersect::bvh8::Bvh8;
-use wavepath_kernels::scene::Geometry;
+use wavepath_kernels::scene::{Geometry, GeometryParts};
 
 /// How triangles are arranged: the corners of the `i`th of `n`.
 type Arrangement = fn(usize, usize) -> [[f32; 3]; 3];
@@ -35,10 +35,16 @@ fn setup(c: &mut Criterion) {
     for (name, arrangement) in ARRANGEMENTS {
         let mut group = c.benchmark_group(format!("setup/{name}"));
         for n in [25_000, 100_000] {
-            let geometry = Geometry {
-                vertices: (0..n).flat_map(|i| arrangement(i, n)).collect(),
-                triangles: (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-                ..Geometry::default()
+            let geometry = {
+                let vertices: Vec<_> = (0..n).flat_map(|i| arrangement(i, n)).collect();
+                Geometry::new(GeometryParts {
+                    vertices,
+                    triangles: (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+                    planes: vec![[0.0, 0.0, 1.0, 0.0]; n],
+                    tags: vec![0; n],
+                    ..GeometryParts::default()
+                })
+                .expect("triangles")
             };
             group.throughput(Throughput::Elements(n as u64));
             group.bench_function(BenchmarkId::from_parameter(n), |b| b.iter(|| Bvh8::new(&geometry)));

@@ -18,10 +18,10 @@ use wavepath::scene::{self, Mesh, SceneDescription, SphericalLights};
 use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::isa::Level;
-use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::sampler::Sobol;
 use wavepath_kernels::scene::Scene;
-use wavepath_kernels::shade::{Features, Kinds};
+use wavepath_kernels::scene::lights::{NoLights, Spheres};
+use wavepath_kernels::shade::Features;
 
 /// Samples a pixel of the renders that are recorded: most of the scenes that ship with the project have as many. The more,
 /// the more of a packet's rays come from the same pixel.
@@ -55,7 +55,7 @@ pub fn measure<S>(bencher: &mut Bencher, state: &mut S, restore: impl Fn(&mut S)
 pub struct SphericalLamps;
 impl Features for SphericalLamps {
     type Sampler = Sobol;
-    type Lights = Kinds<{ kind::SPHERE }>;
+    type Lights = Spheres;
     type General = Self;
     type Specular = NoLamps;
 }
@@ -65,7 +65,7 @@ impl Features for SphericalLamps {
 pub struct NoLamps;
 impl Features for NoLamps {
     type Sampler = Sobol;
-    type Lights = Kinds<0>;
+    type Lights = NoLights;
     type General = Self;
     type Specular = Self;
 }

@@ -5,7 +5,7 @@ mod statistics;
 use core::marker::PhantomData;
 use statistics::{Mean, Random};
 use std::collections::HashSet;
-use wavepath_kernels::generate::{Batch, Camera, Filter, FilterAxis, Generate, PixelBlock};
+use wavepath_kernels::generate::{Batch, Generate, PixelBlock};
 use wavepath_kernels::isa::Level;
 use wavepath_kernels::material_sort::{EMITS, LISTS, MaterialSort, list};
 use wavepath_kernels::queue::{
@@ -13,7 +13,7 @@ use wavepath_kernels::queue::{
 };
 use wavepath_kernels::roulette_compact::{FIRST_ROULETTE, RouletteCompact};
 use wavepath_kernels::sampler::{Sobol, stream_seed};
-use wavepath_kernels::scene::{MISS, MaterialClass, PrimitiveTag};
+use wavepath_kernels::scene::{Camera, CameraParts, Filter, FilterAxis, MISS, MaterialClass, PrimitiveTag};
 
 fn all() -> Requirements {
     Requirements { transmission: true, smooth_normals: true, light_sampling: true, filter_weights: true }
@@ -246,14 +246,15 @@ fn throughput_that_is_not_finite_ends_and_is_made_known() {
 #[test]
 fn generate_starts_every_sample_of_every_pixel_once() {
     let axis = || FilterAxis::constant(0.5);
-    let camera = Camera {
+    let camera = Camera::new(CameraParts {
         origin: [1.0, 2.0, 3.0],
         corner: [-1.0, 1.0, 1.0],
         right: [0.01, 0.0, 0.0],
         down: [0.0, -0.01, 0.0],
         lens: None,
-        filter: Filter { axes: [axis(), axis()] },
-    };
+        filter: Filter::new([axis(), axis()]).unwrap(),
+    })
+    .unwrap();
     for (width, height) in [(16, 16), (1, 1), (1, 16), (16, 3), (7, 5), (13, 16), (3, 1), (6, 2)] {
         for samples in [1, 2, 3, 4, 12, 16] {
             let first_sample = [40; 78];

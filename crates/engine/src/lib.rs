@@ -27,10 +27,10 @@ use wavepath_kernels::intersect::bvh2::NaiveBvh;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::{Accelerator, Closest, Hit, Occluded, Policy, TraversalStack};
 use wavepath_kernels::isa::{Isa, Level};
-use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol};
 use wavepath_kernels::scene::Scene;
-use wavepath_kernels::shade::{Features, Kinds};
+use wavepath_kernels::scene::lights::{LightKinds, NoLights, WithLights, with_lights};
+use wavepath_kernels::shade::Features;
 
 /// Which random numbers drive the estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,8 +110,8 @@ impl<'a> Tree<'a> {
     /// Builds the tree of an engine.
     pub fn build(engine: EngineKind, scene: &'a Scene) -> Self {
         match engine {
-            EngineKind::Wavefront | EngineKind::MegakernelWide => Tree::Bvh8(Bvh8::new(&scene.geometry)),
-            EngineKind::Megakernel => Tree::Naive(NaiveBvh::new(&scene.geometry)),
+            EngineKind::Wavefront | EngineKind::MegakernelWide => Tree::Bvh8(Bvh8::new(scene.geometry())),
+            EngineKind::Megakernel => Tree::Naive(NaiveBvh::new(scene.geometry())),
         }
     }
 }
@@ -204,23 +204,13 @@ fn add_to_film(job: &Job, unit: &Unit, sums: &BlockSums, stats: &mut Stats) {
 
 /// Features as the plan has them.
 #[derive(Clone, Copy, Debug)]
-struct Planned<S, const LIGHTS: u32>(PhantomData<S>);
+struct Planned<S, L>(PhantomData<(S, L)>);
 
-macro_rules! planned {
-    ($($lights:expr, $general:expr;)*) => {$(
-        impl<S: Sampler> Features for Planned<S, { $lights }> {
-            type Sampler = S;
-            type Lights = Kinds<{ $lights }>;
-            type General = Planned<S, { $general }>;
-            type Specular = Planned<S, 0>;
-        }
-    )*};
-}
-// The sets of lights that kernels are compiled for.
-planned! {
-    0, 0;
-    kind::SPHERE, kind::ALL;
-    kind::ALL, kind::ALL;
+impl<S: Sampler, L: LightKinds> Features for Planned<S, L> {
+    type Sampler = S;
+    type Lights = L;
+    type General = Planned<S, L::General>;
+    type Specular = Planned<S, NoLights>;
 }
 
 /// Renders until the rule says stop; `watch` is called about ten times a second meanwhile. Returns what all workers
@@ -276,42 +266,39 @@ fn watched<R: Send>(done: &Done, mut watch: impl FnMut(&Done), work: impl FnOnce
 }
 
 fn with_sampler<S: Sampler>(pool: &rayon::ThreadPool, job: &Job, tree: &Tree, settings: &Settings) -> Stats {
-    let (level, batch) = (settings.level, settings.batch);
-    macro_rules! with_lights {
-        ($run:ident) => {
-            match job.plan.light_kinds {
-                0 => $run!(Planned<S, 0>),
-                kind::SPHERE => $run!(Planned<S, { kind::SPHERE }>),
-                _ => $run!(Planned<S, { kind::ALL }>),
-            }
-        };
-    }
-    macro_rules! wavefront {
-        ($features:ty) => {{
-            let Tree::Bvh8(accelerator) = tree else { unreachable!("built for this engine") };
-            pool.broadcast(|_| {
-                level.run(wavefront::Worker::<$features, _> {
-                    job,
-                    accelerator,
-                    batch,
-                    features: PhantomData,
-                })
-            })
-        }};
-    }
-    macro_rules! megakernel {
-        ($features:ty) => {
-            pool.broadcast(|_| {
-                level.run(megakernel::Worker::<$features> { job, tree, features: PhantomData })
-            })
-        };
-    }
-    let workers = match settings.engine {
-        EngineKind::Wavefront => with_lights!(wavefront),
-        EngineKind::Megakernel | EngineKind::MegakernelWide => with_lights!(megakernel),
-    };
+    let work = Work { pool, job, tree, settings, sampler: PhantomData::<S> };
+    let workers = with_lights(job.plan.light_kinds, work);
     workers.iter().fold(Stats::default(), |mut sum, worker| {
         sum.merge(worker);
         sum
     })
+}
+
+/// What all workers of a pool do.
+struct Work<'a, S> {
+    pool: &'a rayon::ThreadPool,
+    job: &'a Job<'a>,
+    tree: &'a Tree<'a>,
+    settings: &'a Settings,
+    sampler: PhantomData<S>,
+}
+
+impl<S: Sampler> WithLights for Work<'_, S> {
+    type Output = Vec<Stats>;
+    fn run<L: LightKinds>(self) -> Vec<Stats> {
+        let Work { pool, job, tree, settings, .. } = self;
+        let (level, batch) = (settings.level, settings.batch);
+        match settings.engine {
+            EngineKind::Wavefront => {
+                let Tree::Bvh8(accelerator) = tree else { unreachable!("built for this engine") };
+                pool.broadcast(|_| {
+                    let features = PhantomData::<Planned<S, L>>;
+                    level.run(wavefront::Worker { job, accelerator, batch, features })
+                })
+            }
+            EngineKind::Megakernel | EngineKind::MegakernelWide => pool.broadcast(|_| {
+                level.run(megakernel::Worker { job, tree, features: PhantomData::<Planned<S, L>> })
+            }),
+        }
+    }
 }

@@ -85,7 +85,7 @@ impl<P: Features> Kernel for Tile<'_, P> {
     fn run<I: Isa>(self, isa: I) {
         let Job { scene, film, seed, .. } = *self.job;
         let block = &film.blocks[self.unit.block];
-        let weighted = scene.camera.filter.has_negative_lobes();
+        let weighted = scene.camera().filter().has_negative_lobes();
         let before = self.stats.bounce_rays;
         for pixel in 0..block.pixels() {
             let (x, y) = (block.x + block.columns[pixel], block.y + block.rows[pixel]);
@@ -94,7 +94,7 @@ impl<P: Features> Kernel for Tile<'_, P> {
             let stream_seed = stream_seed(seed, number, self.unit.replicate);
             for sample in 0..self.unit.samples {
                 let stream = Stream { seed: stream_seed, index: splat(self.unit.first + sample) };
-                let ray = camera_ray::<I::One, P::Sampler>(&scene.camera, stream, splat(x), splat(y));
+                let ray = camera_ray::<I::One, P::Sampler>(scene.camera(), stream, splat(x), splat(y));
                 let radiance = trace::<I, P>(
                     isa,
                     scene,
@@ -139,17 +139,17 @@ fn trace<I: Isa, P: Features>(
     stats.camera_rays += 1;
     for depth in 0.. {
         let hit = tree.closest(isa, origin.lane(0), direction.lane(0), stack);
-        let (list, emits) = list_of(&scene.geometry.tags, scene.max_depth, hit.primitive, depth);
+        let (list, emits) = list_of(scene.geometry().tags(), scene.max_depth(), hit.primitive, depth);
         if list == list::MISSED {
-            add(throughput * Vec3::splat(scene.environment));
+            add(throughput * Vec3::splat(scene.environment()));
             break;
         }
         let splat = I::One::splat;
         let uint = <<I as Isa>::One as Real>::Uint::splat;
-        let tag = scene.geometry.tags[hit.primitive as usize];
+        let tag = scene.geometry().tags()[hit.primitive as usize];
         // SAFETY: the primitive was hit, so it exists.
         let surface = unsafe {
-            Surface::new(&scene.geometry, uint(hit.primitive), origin, direction, splat(hit.t), || {
+            Surface::new(scene.geometry(), uint(hit.primitive), origin, direction, splat(hit.t), || {
                 (splat(hit.u), splat(hit.v))
             })
         };
@@ -222,7 +222,7 @@ where
     // SAFETY: the tag is one of the scene's, so its material exists.
     let bsdf = unsafe {
         let id = material_of(scene, F::Uint::splat(tag));
-        M::Bsdf::<F>::load(MaterialRow::new(&scene.materials, id))
+        M::Bsdf::<F>::load(MaterialRow::new(scene.materials(), id))
     };
     scatter::<F, M::Bsdf<F>, P>(scene, vertex, &bsdf)
 }

@@ -186,7 +186,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             }
             let from = self.free - count;
             isa.run(Generate::<P::Sampler> {
-                camera: &self.job.scene.camera,
+                camera: self.job.scene.camera(),
                 batch: Batch {
                     block: &self.job.film.blocks[open.unit.block],
                     image_width: self.job.film.image_width,
@@ -240,8 +240,8 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
 
     fn material_sort<I: Isa>(&mut self, isa: I) -> Sorted {
         isa.run(MaterialSort {
-            tags: &self.job.scene.geometry.tags,
-            max_depth: self.job.scene.max_depth,
+            tags: self.job.scene.geometry().tags(),
+            max_depth: self.job.scene.max_depth(),
             paths: &self.paths,
             hits: &self.hits,
             order: &mut self.order,
@@ -254,7 +254,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         let scene = self.job.scene;
         if self.job.plan.has_environment {
             isa.run(Environment {
-                radiance: scene.environment,
+                radiance: scene.environment(),
                 list: &self.order.list[sorted.range(list::MISSED)],
                 paths: &self.paths,
                 slots: &mut self.slots,

@@ -10,7 +10,6 @@
 pub mod bvh2;
 pub mod bvh8;
 mod partition;
-pub mod quadric;
 pub mod ray_sort;
 pub mod sphere;
 pub mod triangle;
@@ -290,14 +289,14 @@ pub fn test_triangle(corners: &[[f32; 3]; 3], primitive: u32, ray: &ShearedRay, 
 #[inline(always)]
 pub fn test_round(geometry: &Geometry, primitive: u32, origin: [f32; 3], direction: [f32; 3], hit: &mut Hit) {
     let t = if primitive < geometry.first_quadric() {
-        let [x, y, z, r] = geometry.spheres[(primitive - geometry.first_sphere()) as usize];
+        let [x, y, z, r] = geometry.spheres()[(primitive - geometry.first_sphere()) as usize];
         let (t, meets) = sphere::intersect::<f32>(origin, direction, [x, y, z], r, hit.t);
         if !meets {
             return;
         }
         t
     } else {
-        let quadric = &geometry.quadrics[(primitive - geometry.first_quadric()) as usize];
+        let quadric = &geometry.quadrics()[(primitive - geometry.first_quadric()) as usize];
         match quadric.intersect(origin, direction, hit.t) {
             Some(t) => t,
             None => return,
@@ -323,23 +322,15 @@ pub fn bounds(geometry: &Geometry, primitive: u32) -> ([f32; 3], [f32; 3]) {
     if primitive < geometry.first_sphere() {
         geometry.corners(primitive as usize).into_iter().for_each(add);
     } else if primitive < geometry.first_quadric() {
-        let [x, y, z, r] = geometry.spheres[(primitive - geometry.first_sphere()) as usize];
+        let [x, y, z, r] = geometry.spheres()[(primitive - geometry.first_sphere()) as usize];
         let r = r.abs();
         add([x - r, y - r, z - r]);
         add([x + r, y + r, z + r]);
     } else {
-        let quadric = &geometry.quadrics[(primitive - geometry.first_quadric()) as usize];
-        let (a, b) = quadric.object_bounds();
-        let m = quadric.object_from_world;
-        let object_from_world = glam::DAffine3::from_cols_array_2d(&core::array::from_fn(|c| {
-            core::array::from_fn(|r| m[r][c] as f64)
-        }));
-        let world_from_object = object_from_world.inverse();
-        for corner in 0..8 {
-            let pick = |k: usize| if corner >> k & 1 == 0 { a[k] } else { b[k] } as f64;
-            let p = world_from_object.transform_point3(glam::DVec3::new(pick(0), pick(1), pick(2)));
-            add([p.x as f32, p.y as f32, p.z as f32]);
-        }
+        let quadric = &geometry.quadrics()[(primitive - geometry.first_quadric()) as usize];
+        let (low, high) = quadric.bounds();
+        add(low);
+        add(high);
     }
     for k in 0..3 {
         let pad = 2.0 * f32::EPSILON * low[k].abs().max(high[k].abs());

@@ -405,11 +405,7 @@ mod tests {
     ];
 
     fn geometry(what: &str, n: usize) -> Geometry {
-        Geometry {
-            vertices: (0..n).flat_map(|i| triangle(what, n, i)).collect(),
-            triangles: (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-            ..Geometry::default()
-        }
+        Geometry::soup((0..n).flat_map(|i| triangle(what, n, i)).collect(), Vec::new())
     }
 
     /// Parts all down to single primitives. Returns the depth, and how many references were looked at.
@@ -456,11 +452,7 @@ mod tests {
             let [along, across] = if i % 2 == 0 { [100.0, 0.01] } else { [0.01, 100.0] };
             [[x - along, y - across, 0.0], [x + along, y - across, 0.0], [x + along, y + across, 0.0]]
         };
-        let g = Geometry {
-            vertices: (0..n).flat_map(stick).collect(),
-            triangles: (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-            ..Geometry::default()
-        };
+        let g = Geometry::soup((0..n).flat_map(stick).collect(), Vec::new());
         let (mut set, extent) = references(&g, 4);
         let (first, _) = Partitioner::new(n, 4).part(&mut set, &extent, 0);
         let (a, b) = set.split_at(first);

@@ -1,12 +1,12 @@
 //! Light that a path finds by itself: emitting surfaces.
 
-use super::{LightKinds, add_radiance, list_lanes};
+use super::{add_radiance, list_lanes};
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Real, Uint};
-use crate::light_sample::lights::{LightRow, kind, pdf};
 use crate::material_sort::EMITS;
 use crate::math::{Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, SlotTable};
+use crate::scene::lights::{LightKinds, pdf};
 use crate::scene::{PrimitiveTag, Scene};
 use crate::shade::surface::Surface;
 use core::marker::PhantomData;
@@ -28,15 +28,12 @@ pub unsafe fn emitted<F: Real, L: LightKinds>(
     pdf_bsdf: F,
 ) -> Vec3<F> {
     // SAFETY: the caller's promise.
-    let row = unsafe { LightRow::<F>::new(&scene.lights, light) };
+    let row = unsafe { scene.lights().row::<F>(light) };
     let radiance = row.emitted(normal, direction);
     if L::KINDS == 0 {
         return radiance;
     }
-    let pdf_light = match L::KINDS {
-        kind::SPHERE => pdf::<F, { kind::SPHERE }>(&row, origin, direction, t, normal),
-        _ => pdf::<F, { kind::ALL }>(&row, origin, direction, t, normal),
-    };
+    let pdf_light = pdf::<F, L>(&row, origin, direction, t, normal);
     let weight = power_heuristic(pdf_bsdf, pdf_light * row.probability());
     let specular = pdf_bsdf.eq(F::zero());
     let weighed = radiance.scale(F::select(specular, F::one(), weight));
@@ -119,9 +116,11 @@ unsafe fn emission_at<F: Real, L: LightKinds>(
         let direction =
             Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z));
         let t = real(&hits.t);
-        let surface =
-            Surface::new(&scene.geometry, primitive, origin, direction, t, || (real(&hits.u), real(&hits.v)));
-        let light = F::Uint::gather(&scene.geometry.tags, primitive) & F::Uint::splat(PrimitiveTag::ID_MASK);
+        let surface = Surface::new(scene.geometry(), primitive, origin, direction, t, || {
+            (real(&hits.u), real(&hits.v))
+        });
+        let light =
+            F::Uint::gather(scene.geometry().tags(), primitive) & F::Uint::splat(PrimitiveTag::ID_MASK);
         let pdf = if L::KINDS != 0 { real(&paths.pdf) } else { F::zero() };
         let emitted = emitted::<F, L>(scene, light, origin, direction, t, surface.normal, pdf);
         let throughput =

@@ -8,11 +8,11 @@ use std::ops::{ControlFlow, Range};
 use wavepath_kernels::intersect::RayClass;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::isa::{Isa, Kernel, Level};
-use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::material_sort::{Sorted, list};
 use wavepath_kernels::queue::{HitQueue, OrderLists, PathQueue, ShadowQueue, SlotTable};
 use wavepath_kernels::sampler::Sobol;
 use wavepath_kernels::scene::MaterialClass;
+use wavepath_kernels::scene::lights::{AllLights, NoLights};
 use wavepath_kernels::shade::Features;
 
 /// The queues of one round, each as the first stage that reads it found it.
@@ -67,10 +67,10 @@ pub fn record(
     each: &mut dyn FnMut(Round) -> ControlFlow<()>,
 ) {
     if job.plan.light_kinds == 0 {
-        let features = PhantomData::<Planned<Sobol, 0>>;
+        let features = PhantomData::<Planned<Sobol, NoLights>>;
         level.run(Record { job, accelerator, batch, each, features });
     } else {
-        let features = PhantomData::<Planned<Sobol, { kind::ALL }>>;
+        let features = PhantomData::<Planned<Sobol, AllLights>>;
         level.run(Record { job, accelerator, batch, each, features });
     }
 }

@@ -392,12 +392,8 @@ mod tests {
             let at = [unit(), unit(), unit()];
             core::array::from_fn::<_, 3, _>(|_| at.map(|x| x + 0.01 * unit()))
         });
-        let geometry = Geometry {
-            vertices: vertices.collect(),
-            triangles: (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-            spheres: (0..1_000).map(|i| [i as f32 * 0.001, 0.5, 0.5, 0.01]).collect(),
-            ..Geometry::default()
-        };
+        let spheres = (0..1_000).map(|i| [i as f32 * 0.001, 0.5, 0.5, 0.01]).collect();
+        let geometry = Geometry::soup(vertices.collect(), spheres);
         let build = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| Bvh8::new(&geometry))
