@@ -12,6 +12,7 @@
 //! | [`mod@bench`] | measures engines against each other |
 //! | [`tev`] | shows a render in a viewer while it goes on |
 //! | [`meshes`] | makes meshes by procedure |
+//! | [`memory`] | how much there is, and an orderly end where it runs out |
 //! | [`cli`] | the command |
 //!
 //! The engines, their film and their plan are the crate `wavepath-engine`; queues, kernels and physics are the crate
@@ -27,7 +28,7 @@ mod contain_panics;
 pub mod converge;
 pub mod interrupt;
 pub mod machine;
-mod memory;
+pub mod memory;
 pub mod meshes;
 pub mod pbrt;
 pub mod picture;

@@ -202,12 +202,12 @@ impl Work<'_> {
         let runs = variants.len() * seeds;
         if !quiet {
             let total = budget.as_secs_f64() * runs as f64;
-            eprintln!(
+            output::note(format_args!(
                 "{} variants x {seeds} seeds x {} s: about {} of rendering",
                 variants.len(),
                 budget.as_secs_f64(),
                 clock(total)
-            );
+            ));
         }
         let used = reference.and_then(report_of).map(|report| report.seed);
         // The reference's own random numbers would agree with it.
@@ -223,12 +223,12 @@ impl Work<'_> {
                     let last = run.run.points.last().expect("a run has a checkpoint");
                     let error =
                         last.estimated_relmse.map_or("unknown".into(), |error| format!("{error:.2e}"));
-                    eprintln!(
+                    output::note(format_args!(
                         "{:>3} of {runs}: {}, seed {seed}: {:.1} spp, estimated relMSE {error}",
                         measured.len() + 1,
                         choice.name(),
                         last.spp
-                    );
+                    ));
                 }
                 measured.push(run);
             }
@@ -246,7 +246,7 @@ impl Work<'_> {
                 "interrupted before there was anything to compare: nothing is written".into(),
             ));
         }
-        eprintln!("interrupted: {} complete runs", measured.len());
+        output::note(format_args!("interrupted: {} complete runs", measured.len()));
         Ok(measured)
     }
 

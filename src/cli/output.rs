@@ -22,6 +22,12 @@ pub fn say(text: impl Display) -> Result<(), Failure> {
     }
 }
 
+/// Prints a line on standard error. What cannot be told (a full disk, a closed pipe) must not cost the work.
+pub fn note(text: impl Display) {
+    // In one piece, so that lines of several processes do not mix.
+    let _ = io::stderr().lock().write_all(format!("{text}\n").as_bytes());
+}
+
 /// Checks that an image can be written to `path`, whose ending must name a format.
 ///
 /// # Errors

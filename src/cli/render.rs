@@ -35,7 +35,7 @@ pub(super) fn load(
     let loaded = crate::pbrt::load(path).map_err(|error| Failure::Input(error.to_string()))?;
     if !quiet {
         for warning in &loaded.warnings {
-            eprintln!("{warning}");
+            output::note(warning);
         }
     }
     let mut description = loaded.scene;
@@ -122,13 +122,13 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     }
     if !args.quiet {
         if interrupted.load(Ordering::Relaxed) {
-            eprintln!("interrupted: wrote what was done");
+            output::note("interrupted: wrote what was done");
         }
         if let (Some(error), Ended::Samples) = (args.error, ended) {
-            eprintln!(
+            output::note(format_args!(
                 "--error {error} was not reached: the limit is {} samples a pixel",
                 spp.unwrap_or(MOST_SPP)
-            );
+            ));
         }
         output::say(&report)?;
         output::say(format_args!("wrote {}", image_path.display()))?;
@@ -169,7 +169,7 @@ impl<'a> Viewer<'a> {
 
     fn warn(&self, message: &str) {
         if !self.quiet {
-            eprintln!("warning: {message}; the render goes on");
+            output::note(format_args!("warning: {message}; the render goes on"));
         }
     }
 }
