@@ -34,9 +34,9 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// Most links that are followed, as on Linux.
 const MOST_LINKS: usize = 40;
 
-/// Whether `path` stands for standard output.
+/// Whether `path` stands for standard output: `-`, or `exr:-` and `png:-`, which name the format, too.
 pub fn is_standard_output(path: &Path) -> bool {
-    path.as_os_str() == "-"
+    matches!(path.to_str(), Some("-" | "exr:-" | "png:-"))
 }
 
 /// Writes the file `path` with what `encode` produces; on any error nothing is left behind.
@@ -366,8 +366,7 @@ impl Temporary {
         }
         loop {
             let number = NEXT.fetch_add(1, Ordering::Relaxed);
-            let path =
-                folder_of(target).join(format!(".wavepath-{}-{number}.tmp", std::process::id()));
+            let path = folder_of(target).join(format!(".wavepath-{}-{number}.tmp", std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&path) {
                 Ok(file) => {
                     pending().push(path.clone());

@@ -37,6 +37,7 @@ pub mod render;
 pub mod report;
 pub mod scene;
 pub mod tev;
+mod time_span;
 
 pub use render::{Picture, Render, RenderError, Update};
 pub use scene::{Scene, SceneError};

@@ -103,9 +103,8 @@ fn least_left(mount: &Path, path: &str, files: &GroupFiles) -> Option<u64> {
             folders.push(mount.join(&group));
         }
     }
-    let number = |folder: &Path, name: &str| {
-        fs::read_to_string(folder.join(name)).ok()?.trim().parse::<u64>().ok()
-    };
+    let number =
+        |folder: &Path, name: &str| fs::read_to_string(folder.join(name)).ok()?.trim().parse::<u64>().ok();
     let of_group = |folder: PathBuf| {
         // "max", or the largest number of pages: no limit.
         let limit = number(&folder, files.limit).filter(|&limit| limit < 1 << 60)?;

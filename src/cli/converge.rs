@@ -34,6 +34,7 @@ use crate::picture::{self, DataWindow, Image};
 use crate::plan::Plan;
 use crate::report::Report;
 use crate::scene::{SceneDescription, SphericalLights};
+use crate::time_span;
 
 /// Checkpoints of a run: the first is after 1/64 of the time.
 const CHECKPOINTS: u32 = 7;
@@ -201,12 +202,12 @@ impl Work<'_> {
         }
         let runs = variants.len() * seeds;
         if !quiet {
-            let total = budget.as_secs_f64() * runs as f64;
+            let total = budget.saturating_mul(u32::try_from(runs).unwrap_or(u32::MAX));
             output::note(format_args!(
                 "{} variants x {seeds} seeds x {} s: about {} of rendering",
                 variants.len(),
                 budget.as_secs_f64(),
-                clock(total)
+                time_span::clock(total)
             ));
         }
         let used = reference.and_then(report_of).map(|report| report.seed);
@@ -496,9 +497,4 @@ fn from_file(path: &Path, image: &Image, runs: &[(Choice, Run, Vec<Image>)]) -> 
     });
     let path = path.display().to_string();
     Reference { kind: ReferenceKind::File { path }, spp: report.map(|report| report.spp), own_error }
-}
-
-/// `45 s` or `12 min`.
-fn clock(seconds: f64) -> String {
-    if seconds < 120.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", (seconds / 60.0).ceil()) }
 }
