@@ -45,7 +45,7 @@ pub(super) fn run(args: &ConvergeArgs) -> Result<(), Failure> {
     files::prepare(&args.output).map_err(|error| Failure::Usage(error.to_string()))?;
     let (experiment, results) = experiment::measure(&scene, &conditions, &mut |text| {
         if !args.quiet {
-            eprintln!("{text}");
+            output::note(text);
         }
     })?;
     write(args, &conditions, &experiment, &results)

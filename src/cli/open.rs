@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::Failure;
+use super::{Failure, output};
 use crate::scene::{Scene, SceneOptions};
 
 /// Reads and builds a scene; warnings go to standard error unless `quiet`.
@@ -10,7 +10,7 @@ pub(super) fn open(path: &Path, options: &SceneOptions, quiet: bool) -> Result<S
     let scene = Scene::open_with(path, options)?;
     if !quiet {
         for warning in scene.warnings() {
-            eprintln!("{warning}");
+            output::note(warning);
         }
     }
     Ok(scene)

@@ -1,14 +1,17 @@
 //! `wavepath render`: a scene in, a picture and its cost out.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use glam::{DMat4, DVec3};
 use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::isa::Level;
 
-use super::args::{Engine, RenderArgs, SamplerChoice, SphericalLights, Traversal};
-use super::{Failure, output};
+use super::args::{Engine, FrameArgs, RenderArgs, Resolution, SamplerChoice, SphericalLights, Traversal};
+use super::output::{self, Voice};
+use super::{Failure, model};
+use crate::atomic_file::is_standard_output;
 use crate::engine::schedule::Stop;
 use crate::engine::session::{self, Ended, MOST_SPP, Session};
 use crate::engine::stats::{Stage, Stats};
@@ -17,7 +20,8 @@ use crate::film::live_error::LiveError;
 use crate::film::{Developed, Film, PixelStatistics};
 use crate::machine;
 use crate::memory;
-use crate::picture::{self, Channel, DataWindow, Image, Samples};
+use crate::pbrt::Loaded;
+use crate::picture::{self, Channel, DataWindow, Image, ImageFormat, Samples};
 use crate::plan::Plan;
 use crate::progress::Progress;
 use crate::report::{Adaptive, Rays, Report};
@@ -32,19 +36,201 @@ pub(super) fn load(
     resolution: Option<(u32, u32)>,
     quiet: bool,
 ) -> Result<(SceneDescription, Scene), Failure> {
+    let resolution = resolution.map(|(width, height)| Resolution { width, height });
+    load_part(path, spherical, &FrameArgs { resolution, ..FrameArgs::default() }, quiet)
+}
+
+/// As [`load`], a part of the image.
+pub(super) fn load_part(
+    path: &Path,
+    spherical: scene::SphericalLights,
+    frame: &FrameArgs,
+    quiet: bool,
+) -> Result<(SceneDescription, Scene), Failure> {
     let loaded = crate::pbrt::load(path).map_err(|error| Failure::Input(error.to_string()))?;
+    build(loaded, path, spherical, frame, quiet).map(|(description, scene, _)| (description, scene))
+}
+
+/// Builds the tables of a scene that was read; also gives all its files.
+fn build(
+    loaded: Loaded,
+    path: &Path,
+    spherical: scene::SphericalLights,
+    frame: &FrameArgs,
+    quiet: bool,
+) -> Result<(SceneDescription, Scene, Vec<PathBuf>), Failure> {
     if !quiet {
         for warning in &loaded.warnings {
-            eprintln!("{warning}");
+            output::note(warning);
         }
     }
     let mut description = loaded.scene;
-    if let Some((width, height)) = resolution {
-        scene::set_resolution(&mut description, width, height);
-    }
+    set_frame(&mut description, frame)?;
     let built = scene::build(&description, spherical)
         .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))?;
-    Ok((description, built))
+    Ok((description, built, loaded.inputs))
+}
+
+/// Size and part of the image, over the scene's own.
+fn set_frame(description: &mut SceneDescription, frame: &FrameArgs) -> Result<(), Failure> {
+    if let Some(Resolution { width, height }) = frame.resolution {
+        scene::set_resolution(description, width, height);
+    }
+    if let Some(crop) = frame.part() {
+        let film = &mut description.film;
+        film.pixel_bounds =
+            crop.bounds(film.resolution).map_err(|what| Failure::Usage(format!("--crop: {what}")))?;
+    }
+    Ok(())
+}
+
+/// All that a render writes, checked before the work.
+struct Outputs {
+    images: Vec<PathBuf>,
+    voice: Voice,
+}
+
+impl Outputs {
+    /// Checks what the command line names.
+    fn of(args: &RenderArgs) -> Result<Self, Failure> {
+        let named = named_outputs(args, &args.output);
+        let paths: Vec<&Path> = named.iter().map(|(_, path)| *path).collect();
+        args.output.iter().try_for_each(|path| output::check_image(path))?;
+        if args.layers && !args.output.is_empty() {
+            let is_exr =
+                |path: &PathBuf| picture::ImageFormat::from_path(path).ok() == Some(ImageFormat::Exr);
+            if !args.output.iter().any(is_exr) {
+                return Err(Failure::Usage(format!(
+                    "--layers: \"{}\" has no room for them; expected a name ending in .exr",
+                    args.output[0].display()
+                )));
+            }
+        }
+        for (option, path) in &named {
+            match *option {
+                "--report" => output::check_report(path)?,
+                "--write-scene" => output::check_file(path, "scene")?,
+                _ => {}
+            }
+        }
+        output::check_distinct(&named, &args.scene)?;
+        output::check_clobber(&named, args.no_clobber)?;
+        Ok(Outputs { images: args.output.clone(), voice: Voice::new(args.quiet, &paths) })
+    }
+
+    /// With the scene known: its name for the picture, if there is no other, and its files, which are not to be written.
+    fn with_scene(
+        mut self,
+        args: &RenderArgs,
+        description: &SceneDescription,
+        inputs: &[PathBuf],
+    ) -> Result<Self, Failure> {
+        if self.images.is_empty() {
+            let path = default_output(description, &args.scene[0]);
+            output::check_image(&path)?;
+            if !args.no_clobber {
+                output::check_default_name(&path, &args.scene[0])?;
+            }
+            self.images.push(path);
+        }
+        let named = named_outputs(args, &self.images);
+        output::check_distinct(&named, inputs)?;
+        output::check_clobber(&named, args.no_clobber)?;
+        Ok(self)
+    }
+
+    fn write_images(&self, args: &RenderArgs, image: &Image, half: bool) -> Result<(), Failure> {
+        let encoding = args.encoding.encoding(half);
+        self.images.iter().try_for_each(|path| Ok(picture::write_encoded(path, image, &encoding)?))
+    }
+}
+
+/// Option and file of all that is written, with these images.
+fn named_outputs<'a>(args: &'a RenderArgs, images: &'a [PathBuf]) -> Vec<(&'static str, &'a Path)> {
+    let images = images.iter().map(|path| ("-o", path.as_path()));
+    let report = args.report.iter().map(|path| ("--report", path.as_path()));
+    let scene = args.model.write_scene.iter().map(|path| ("--write-scene", path.as_path()));
+    images.chain(report).chain(scene).collect()
+}
+
+/// Reads the scene that the command line names, or makes one around meshes.
+fn read(args: &RenderArgs, voice: &Voice) -> Result<Loaded, Failure> {
+    if args.scene.iter().all(|path| model::is_mesh(path)) {
+        let resolution = args.frame.resolution.map(|r| [r.width, r.height]);
+        return model::load(&args.scene, &args.model, resolution, voice);
+    }
+    if let [scene] = args.scene.as_slice() {
+        let model = &args.model;
+        if model.up.is_some() || model.material.is_some() || model.write_scene.is_some() {
+            return Err(Failure::Usage(format!(
+                "--up, --material and --write-scene are for a mesh alone; \"{}\" is a scene",
+                scene.display()
+            )));
+        }
+        return crate::pbrt::load(scene).map_err(|error| Failure::Input(error.to_string()));
+    }
+    let other = args.scene.iter().find(|path| !model::is_mesh(path)).expect("not all are meshes");
+    Err(Failure::Usage(format!(
+        "\"{}\" is no mesh: expected one scene, or meshes (.ply, .ply.gz) only",
+        other.display()
+    )))
+}
+
+/// Takes the time of the parts of the setup.
+struct SetupClock {
+    last: Instant,
+    stages: Vec<(String, f64)>,
+}
+
+impl SetupClock {
+    fn start() -> Self {
+        SetupClock { last: Instant::now(), stages: Vec::new() }
+    }
+
+    /// What has passed since the last call belongs to `name`.
+    fn lap(&mut self, name: &str) {
+        let now = Instant::now();
+        self.stages.push((name.into(), (now - self.last).as_secs_f64()));
+        self.last = now;
+    }
+
+    /// As [`SetupClock::lap`] for reading; mesh files, which may be read by several threads, apart.
+    fn lap_reading(&mut self, meshes: Duration) {
+        self.lap("reading");
+        let reading = &mut self.stages.last_mut().expect("a lap was taken").1;
+        let meshes = meshes.as_secs_f64().min(*reading);
+        *reading -= meshes;
+        self.stages.push(("meshes".into(), meshes));
+    }
+}
+
+/// What is known of the picture beside its pixels and its report.
+fn describe(image: &mut Image, description: &SceneDescription, report: &Report) {
+    let metadata = &mut image.metadata;
+    metadata.samples_per_pixel = Some(report.spp.round() as u32);
+    metadata.render_time_seconds = Some(report.seconds as f32);
+    metadata.capture_date = machine::utc_now();
+    metadata.comments = Some(format!("{}, rendered by wavepath {}", report.scene, report.version));
+    let (camera, ndc) = camera_matrices(description);
+    metadata.world_to_camera = Some(camera);
+    metadata.world_to_ndc = Some(ndc);
+}
+
+/// World to camera space, and to the screen, whose shorter axis spans 0 to 1 and whose z goes from 0 at 0.01 to 1 at
+/// 1000: what pbrt writes. Rows of matrices for points as columns.
+fn camera_matrices(description: &SceneDescription) -> ([f32; 16], [f32; 16]) {
+    let camera = DMat4::from(description.camera.world_from_camera).inverse();
+    let (near, far) = (1e-2, 1000.0);
+    let focal = 1.0 / (description.camera.fov.to_radians() / 2.0).tan();
+    let screen = DMat4::from_cols_array_2d(&[
+        [focal, 0.0, 0.0, 0.0],
+        [0.0, focal, 0.0, 0.0],
+        [0.0, 0.0, far / (far - near), 1.0],
+        [0.0, 0.0, -far * near / (far - near), 0.0],
+    ]);
+    let to_unit = DMat4::from_translation(DVec3::splat(0.5)) * DMat4::from_scale(DVec3::new(0.5, 0.5, 1.0));
+    let rows = |matrix: DMat4| matrix.transpose().to_cols_array().map(|value| value as f32);
+    (rows(camera), rows(to_unit * screen * camera))
 }
 
 /// Renders.
@@ -54,28 +240,14 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         SphericalLights::Cone => scene::SphericalLights::Cone,
         SphericalLights::Area => scene::SphericalLights::Area,
     };
-    if let Some(path) = &args.output {
-        output::check_image(path)?;
-        if args.layers && picture::ImageFormat::from_path(path)? != picture::ImageFormat::Exr {
-            return Err(Failure::Usage(format!(
-                "--layers: \"{}\" has no room for them; expected a name ending in .exr",
-                path.display()
-            )));
-        }
-    }
-    if let Some(path) = &args.report {
-        output::check_report(path)?;
-    }
-    let resolution = args.resolution.map(|r| (r.width, r.height));
-    let (description, scene) = load(&args.scene, spherical, resolution, args.quiet)?;
-    let image_path = match &args.output {
-        Some(path) => path.clone(),
-        None => {
-            let path = default_output(&description, &args.scene);
-            output::check_image(&path)?;
-            path
-        }
-    };
+    let outputs = Outputs::of(args)?;
+    let mut clock = SetupClock::start();
+    let mesh_time = crate::pbrt::reading_time();
+    let loaded = read(args, &outputs.voice)?;
+    clock.lap_reading(crate::pbrt::reading_time().saturating_sub(mesh_time));
+    let (description, scene, inputs) = build(loaded, &args.scene[0], spherical, &args.frame, args.quiet)?;
+    let outputs = outputs.with_scene(args, &description, &inputs)?;
+    clock.lap("tables");
     let plan = Plan::new(&scene);
     let settings = settings(args, &description);
     // A time limit or an error alone is the end; otherwise the scene's samples are.
@@ -83,15 +255,17 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let spp = args.spp.or((!open).then_some(description.sampler.pixel_samples));
     // What must know its error from the first samples on has all replicates, whatever the limit.
     let film_spp = spp.filter(|_| args.error.is_none());
-    let film = film(&args.scene, &description, &scene, &plan, film_spp)?;
+    let film = film(&args.scene[0], &description, &scene, &plan, film_spp)?;
+    clock.lap("film");
     let tree = Tree::build(settings.engine, &scene);
+    clock.lap("tree");
     let interrupted = crate::interrupt::flag()
         .map_err(|error| Failure::Work(format!("cannot watch for Ctrl-C: {error}")))?;
     let stop = Stop { spp, time: args.time, interrupted: interrupted.clone() };
     let setup = started.elapsed();
 
     let total = spp.map(|spp| spp as u64 * film.pixels());
-    let progress = Progress::new(total, args.time, args.error, args.quiet);
+    let mut progress = Progress::new(total, args.time, args.error, args.quiet);
     let mut viewer = Viewer::open(args, &film);
     let mut live = LiveError::new(&film, settings.threads);
     let watch = |done: &Done| {
@@ -110,30 +284,31 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     viewer.show(true);
 
     let developed = film.develop();
-    let report = report(args, &settings, &film, &developed, &session, setup, ended);
+    let mut report = report(args, &settings, &film, &developed, &session, setup, ended);
+    report.setup_stages = clock.stages;
     let mut image = picture_of(&description, developed.pixels);
     if args.layers {
         image.channels = layers(&film.statistics());
     }
     image.metadata.report = Some(report.to_json());
-    picture::write(&image_path, &image, args.exposure).map_err(|error| Failure::Work(error.to_string()))?;
+    describe(&mut image, &description, &report);
+    outputs.write_images(args, &image, description.film.half)?;
     if let Some(path) = &args.report {
         output::write_report(path, &report)?;
     }
     if !args.quiet {
         if interrupted.load(Ordering::Relaxed) {
-            eprintln!("interrupted: wrote what was done");
+            output::note("interrupted: wrote what was done");
         }
         if let (Some(error), Ended::Samples) = (args.error, ended) {
-            eprintln!(
+            output::note(format_args!(
                 "--error {error} was not reached: the limit is {} samples a pixel",
                 spp.unwrap_or(MOST_SPP)
-            );
+            ));
         }
-        output::say(&report)?;
-        output::say(format_args!("wrote {}", image_path.display()))?;
     }
-    Ok(())
+    outputs.voice.tell(&report)?;
+    outputs.images.iter().try_for_each(|path| outputs.voice.wrote(path))
 }
 
 /// The viewer that `--tev` names. What goes wrong with it is told once, and the render goes on.
@@ -148,7 +323,7 @@ impl<'a> Viewer<'a> {
         let mut viewer = Viewer { tev: None, film, quiet: args.quiet };
         if let Some(address) = &args.tev {
             let [x0, x1, y0, y1] = film.bounds;
-            let name = args.scene.display().to_string();
+            let name = args.scene[0].display().to_string();
             match Tev::connect(address, &name, x1 - x0, y1 - y0) {
                 Ok(tev) => viewer.tev = Some(tev),
                 Err(error) => viewer.warn(&format!("no tev at {address}: {error}")),
@@ -169,19 +344,25 @@ impl<'a> Viewer<'a> {
 
     fn warn(&self, message: &str) {
         if !self.quiet {
-            eprintln!("warning: {message}; the render goes on");
+            output::note(format_args!("warning: {message}; the render goes on"));
         }
     }
 }
 
 /// The file that the scene names, or one named after the scene, in the current folder.
-fn default_output(description: &SceneDescription, scene: &Path) -> std::path::PathBuf {
+fn default_output(description: &SceneDescription, scene: &Path) -> PathBuf {
     match &description.film.filename {
-        Some(name) if picture::ImageFormat::from_path(Path::new(name)).is_ok() => name.into(),
+        // Standard output is for those who ask for it.
+        Some(name)
+            if ImageFormat::from_path(Path::new(name)).is_ok() && !is_standard_output(Path::new(name)) =>
+        {
+            name.into()
+        }
         _ => {
-            let stem = scene.file_stem().unwrap_or_default();
-            let stem = Path::new(stem).file_stem().unwrap_or(stem);
-            Path::new(stem).with_extension("exr")
+            let name = scene.file_name().unwrap_or_default().to_string_lossy();
+            let name = name.strip_suffix(".gz").unwrap_or(&name);
+            let stem = [".pbrt", ".ply"].iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
+            format!("{stem}.exr").into()
         }
     }
 }
@@ -292,13 +473,14 @@ fn report(
     let [least_spp, most_spp] = film.sample_range();
     let session::Adaptive { predicted_gain, is_uneven: used } = session.adaptive();
     Report {
-        scene: args.scene.display().to_string(),
+        scene: args.scene[0].display().to_string(),
         engine: args.engine.to_string(),
         width: x1 - x0,
         height: y1 - y0,
         spp: developed.samples as f64 / film.pixels() as f64,
         seconds: session.elapsed().as_secs_f64(),
         setup_seconds: setup.as_secs_f64(),
+        setup_stages: Vec::new(),
         samples: developed.samples,
         rays: Rays { camera: stats.camera_rays, bounce: stats.bounce_rays, shadow: stats.shadow_rays },
         stages: stages(stats),

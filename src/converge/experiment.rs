@@ -19,6 +19,7 @@ use crate::picture::{DataWindow, Image};
 use crate::render::{Render, RenderError, image_of, stages};
 use crate::report::Report;
 use crate::scene::{Scene, SceneDescription};
+use crate::time_span;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -238,12 +239,12 @@ impl Work<'_> {
             trees.push((tree, self.scene.setup() + started.elapsed()));
         }
         let runs = variants.len() * seeds;
-        let total = budget.as_secs_f64() * runs as f64;
+        let total = budget.saturating_mul(u32::try_from(runs).unwrap_or(u32::MAX));
         say(&format!(
             "{} variants x {seeds} seeds x {} s: about {} of rendering",
             variants.len(),
             budget.as_secs_f64(),
-            clock(total)
+            time_span::clock(total)
         ));
         let used = reference.and_then(report_of).map(|report| report.seed);
         // The reference's own random numbers would agree with it.
@@ -500,9 +501,4 @@ fn from_file(path: &Path, image: &Image, runs: &[(Choice, Run, Vec<Image>)]) -> 
     });
     let path = path.display().to_string();
     Reference { kind: ReferenceKind::File { path }, spp: report.map(|report| report.spp), own_error }
-}
-
-/// `45 s` or `12 min`.
-fn clock(seconds: f64) -> String {
-    if seconds < 120.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", (seconds / 60.0).ceil()) }
 }

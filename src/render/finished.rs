@@ -65,6 +65,7 @@ impl Picture {
             spp: developed.samples as f64 / film.pixels() as f64,
             seconds: elapsed.as_secs_f64(),
             setup_seconds: setup.as_secs_f64(),
+            setup_stages: Vec::new(),
             samples: developed.samples,
             rays: Rays { camera: stats.camera_rays, bounce: stats.bounce_rays, shadow: stats.shadow_rays },
             stages: stages(stats),

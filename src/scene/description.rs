@@ -82,6 +82,8 @@ pub struct Film {
     pub pixel_bounds: [u32; 4],
     /// File name that the scene asks for, as written.
     pub filename: Option<String>,
+    /// Whether the scene asks in so many words for 16-bit floating point in its file (pbrt's `savefp16`).
+    pub half: bool,
 }
 
 impl Film {
@@ -93,7 +95,7 @@ impl Film {
 
 impl Default for Film {
     fn default() -> Self {
-        Film { resolution: [1280, 720], pixel_bounds: [0, 1280, 0, 720], filename: None }
+        Film { resolution: [1280, 720], pixel_bounds: [0, 1280, 0, 720], filename: None, half: false }
     }
 }
 
