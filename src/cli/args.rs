@@ -8,7 +8,10 @@ use clap::{Args, ValueEnum};
 
 use super::parse;
 use crate::converge::external::ExternalSpec;
+use crate::engine::{EngineKind, SamplerKind};
 use crate::picture::{Compression, Encoding, Tonemap};
+use crate::scene::SphericalLights;
+use wavepath_kernels::intersect::Policy;
 
 /// Headings of the help.
 const WHAT: &str = "What to render";
@@ -55,15 +58,15 @@ pub struct RenderArgs {
 
     /// Random numbers [default: the scene's]
     #[arg(long, value_enum, help_heading = QUALITY)]
-    pub sampler: Option<SamplerChoice>,
+    pub sampler: Option<SamplerArg>,
 
     /// Seed of the random numbers [default: the scene's]
     #[arg(long, value_name = "N", value_parser = parse::seed, allow_hyphen_values = true, help_heading = QUALITY)]
     pub seed: Option<u64>,
 
     /// How the light of spheres is sampled
-    #[arg(long, value_enum, default_value_t = SphericalLights::Cone, help_heading = QUALITY)]
-    pub spherical_lights: SphericalLights,
+    #[arg(long, value_enum, default_value_t = SphericalLightsArg::Cone, help_heading = QUALITY)]
+    pub spherical_lights: SphericalLightsArg,
 
     /// Image to write, linear (.exr) or for screens (.png); may be given more than once; - is standard output, png:-
     /// the same as PNG [default: the name in the scene's film, else the scene's name with .exr, here; that replaces
@@ -88,8 +91,8 @@ pub struct RenderArgs {
     pub tev: Option<String>,
 
     /// How paths are executed
-    #[arg(long, value_enum, default_value_t = Engine::Wavefront, help_heading = SPEED)]
-    pub engine: Engine,
+    #[arg(long, value_enum, default_value_t = EngineArg::Wavefront, help_heading = SPEED)]
+    pub engine: EngineArg,
 
     /// Worker threads [default: one per processor]
     #[arg(long, value_name = "N", value_parser = parse::threads, allow_hyphen_values = true, help_heading = SPEED)]
@@ -100,8 +103,8 @@ pub struct RenderArgs {
     pub batch: Option<usize>,
 
     /// How rays go through the tree, wavefront engine
-    #[arg(long, value_enum, default_value_t = Traversal::Auto, help_heading = SPEED)]
-    pub traversal: Traversal,
+    #[arg(long, value_enum, default_value_t = TraversalArg::Auto, help_heading = SPEED)]
+    pub traversal: TraversalArg,
 
     /// Write the report as JSON to this file; - is standard output
     #[arg(long, value_name = "FILE.json", help_heading = REPORTS)]
@@ -259,8 +262,8 @@ pub struct PlanArgs {
     pub spp: Option<u32>,
 
     /// As for render: how the light of spheres is sampled
-    #[arg(long, value_enum, default_value_t = SphericalLights::Cone, help_heading = QUALITY)]
-    pub spherical_lights: SphericalLights,
+    #[arg(long, value_enum, default_value_t = SphericalLightsArg::Cone, help_heading = QUALITY)]
+    pub spherical_lights: SphericalLightsArg,
 
     /// Worker threads, for the memory of all [default: one per processor]
     #[arg(long, value_name = "N", value_parser = parse::threads, allow_hyphen_values = true, help_heading = SPEED)]
@@ -341,13 +344,13 @@ pub struct ConvergeArgs {
     pub reference: Option<PathBuf>,
 
     /// Engines to compare
-    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [Engine::Wavefront, Engine::Megakernel])]
-    pub engines: Vec<Engine>,
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [EngineArg::Wavefront, EngineArg::Megakernel])]
+    pub engines: Vec<EngineArg>,
 
     /// Samplers to compare
     #[arg(long, value_enum, value_delimiter = ',',
-          default_values_t = [SamplerChoice::Sobol, SamplerChoice::Independent])]
-    pub samplers: Vec<SamplerChoice>,
+          default_values_t = [SamplerArg::Sobol, SamplerArg::Independent])]
+    pub samplers: Vec<SamplerArg>,
 
     /// Compare each engine and sampler with and without adaptive sampling
     #[arg(long)]
@@ -461,7 +464,7 @@ pub enum ModelMaterial {
 
 /// How paths are executed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Engine {
+pub enum EngineArg {
     /// Many paths at a time, stage by stage, in SIMD kernels
     Wavefront,
     /// One path at a time from camera to end: the naive baseline
@@ -472,7 +475,7 @@ pub enum Engine {
 
 /// How the rays of a batch go through the tree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Traversal {
+pub enum TraversalArg {
     /// What is fastest, by the class of the rays and the size of the tree
     Auto,
     /// One by one
@@ -489,7 +492,7 @@ pub enum Traversal {
 
 /// Random numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum SamplerChoice {
+pub enum SamplerArg {
     /// Owen-scrambled Sobol points
     Sobol,
     /// Independent uniform numbers
@@ -498,7 +501,7 @@ pub enum SamplerChoice {
 
 /// How the light of spheres is sampled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum SphericalLights {
+pub enum SphericalLightsArg {
     /// Directions in the cone that the sphere fills
     Cone,
     /// Points on the sphere's surface
@@ -518,12 +521,12 @@ macro_rules! display_as_value {
 }
 display_as_value!(
     CompressionChoice,
-    Engine,
+    EngineArg,
     ModelMaterial,
     TonemapChoice,
-    SamplerChoice,
-    SphericalLights,
-    Traversal
+    SamplerArg,
+    SphericalLightsArg,
+    TraversalArg
 );
 
 /// Size of an image in pixels.
@@ -533,6 +536,47 @@ pub struct Resolution {
     pub width: u32,
     /// Rows, 1 to 65536; the product is at most 2^28.
     pub height: u32,
+}
+
+impl From<EngineArg> for EngineKind {
+    fn from(engine: EngineArg) -> Self {
+        match engine {
+            EngineArg::Wavefront => EngineKind::Wavefront,
+            EngineArg::Megakernel => EngineKind::Megakernel,
+            EngineArg::MegakernelWide => EngineKind::MegakernelWide,
+        }
+    }
+}
+
+impl From<SamplerArg> for SamplerKind {
+    fn from(sampler: SamplerArg) -> Self {
+        match sampler {
+            SamplerArg::Sobol => SamplerKind::Sobol,
+            SamplerArg::Independent => SamplerKind::Independent,
+        }
+    }
+}
+
+impl From<TraversalArg> for Policy {
+    fn from(traversal: TraversalArg) -> Self {
+        match traversal {
+            TraversalArg::Auto => Policy::Auto,
+            TraversalArg::Single => Policy::Single,
+            TraversalArg::Mixed => Policy::Mixed,
+            TraversalArg::Packets => Policy::Packets,
+            TraversalArg::Sorted => Policy::Sorted,
+            TraversalArg::Interleaved => Policy::Interleaved,
+        }
+    }
+}
+
+impl From<SphericalLightsArg> for SphericalLights {
+    fn from(lights: SphericalLightsArg) -> Self {
+        match lights {
+            SphericalLightsArg::Cone => SphericalLights::Cone,
+            SphericalLightsArg::Area => SphericalLights::Area,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -578,15 +622,15 @@ mod tests {
             time: Some(Duration::from_secs(90)),
             error: Some(0.01),
             adaptive: true,
-            engine: Engine::Megakernel,
-            sampler: Some(SamplerChoice::Independent),
+            engine: EngineArg::Megakernel,
+            sampler: Some(SamplerArg::Independent),
             threads: Some(3),
             seed: Some(9),
             batch: Some(4096),
             layers: true,
             tev: Some("localhost:14158".into()),
-            spherical_lights: SphericalLights::Area,
-            traversal: Traversal::Mixed,
+            spherical_lights: SphericalLightsArg::Area,
+            traversal: TraversalArg::Mixed,
             report: Some("c.json".into()),
             quiet: true,
         };
@@ -597,8 +641,8 @@ mod tests {
     fn render_leaves_choices_to_the_scene() {
         let args: RenderArgs = parse("a.pbrt").unwrap();
         assert_eq!((args.spp, args.sampler, args.seed), (None, None, None));
-        assert_eq!((args.engine, args.encoding.exposure), (Engine::Wavefront, 0.0));
-        assert_eq!(args.spherical_lights, SphericalLights::Cone);
+        assert_eq!((args.engine, args.encoding.exposure), (EngineArg::Wavefront, 0.0));
+        assert_eq!(args.spherical_lights, SphericalLightsArg::Cone);
     }
 
     #[test]
@@ -638,7 +682,7 @@ mod tests {
         assert_eq!(compare.map, Some("c.png".into()));
         let converge: ConvergeArgs =
             parse("a.pbrt --engines megakernel --adaptive --budget 2m --external b:1:b.exr -o c").unwrap();
-        assert_eq!((converge.engines, converge.samplers.len()), (vec![Engine::Megakernel], 2));
+        assert_eq!((converge.engines, converge.samplers.len()), (vec![EngineArg::Megakernel], 2));
         assert!(converge.adaptive);
         assert_eq!((converge.budget, converge.seeds), (Duration::from_secs(120), 3));
         assert_eq!(converge.external[0].name, "b");
@@ -651,8 +695,8 @@ mod tests {
 
     #[test]
     fn choices_are_written_as_they_are_typed() {
-        assert_eq!(Engine::Megakernel.to_string(), "megakernel");
-        assert_eq!(SamplerChoice::Sobol.to_string(), "sobol");
-        assert_eq!(SphericalLights::Cone.to_string(), "cone");
+        assert_eq!(EngineArg::Megakernel.to_string(), "megakernel");
+        assert_eq!(SamplerArg::Sobol.to_string(), "sobol");
+        assert_eq!(SphericalLightsArg::Cone.to_string(), "cone");
     }
 }

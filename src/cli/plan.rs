@@ -1,20 +1,17 @@
 //! `wavepath plan`: what a scene needs, and what is left out.
 
-use super::args::{PlanArgs, SphericalLights};
+use super::args::PlanArgs;
+use super::open::open;
 use super::{Failure, output, render};
 use crate::engine::wavefront;
 use crate::film::Film;
-use crate::plan::Plan;
-use crate::scene;
+use crate::scene::SceneOptions;
 
 /// Prints the plan.
 pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
-    let spherical = match args.spherical_lights {
-        SphericalLights::Cone => scene::SphericalLights::Cone,
-        SphericalLights::Area => scene::SphericalLights::Area,
-    };
-    let (description, scene) = render::load_part(&args.scene, spherical, &args.frame, args.json)?;
-    let plan = Plan::new(&scene);
+    let options = SceneOptions { spherical_lights: args.spherical_lights.into(), ..SceneOptions::default() };
+    let scene = open(&args.scene, &options, &args.frame, args.json)?;
+    let (description, plan) = (scene.description(), scene.plan());
     let film = &description.film;
     let spp = args.spp.unwrap_or(description.sampler.pixel_samples);
     let [x0, x1, y0, y1] = film.pixel_bounds;

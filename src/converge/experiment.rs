@@ -232,11 +232,12 @@ impl Work<'_> {
         say: &mut dyn FnMut(&str),
     ) -> Result<Vec<Measured>, ConvergeError> {
         let Conditions { seeds, budget, .. } = *self.conditions;
+        let loading: Duration = self.scene.setup().iter().map(|(_, time)| *time).sum();
         let mut trees = Vec::new();
         for choice in variants {
             let started = Instant::now();
             let tree = self.scene.tree(choice.engine);
-            trees.push((tree, self.scene.setup() + started.elapsed()));
+            trees.push((tree, loading + started.elapsed()));
         }
         let runs = variants.len() * seeds;
         let total = budget.saturating_mul(u32::try_from(runs).unwrap_or(u32::MAX));

@@ -25,6 +25,7 @@ use crate::film::live_error::LiveError;
 use crate::memory;
 use crate::plan::Plan;
 use crate::scene::Scene;
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -70,8 +71,11 @@ pub enum RenderError {
 }
 
 /// How far a render is.
-#[derive(Clone, Copy, Debug)]
-pub struct Update {
+#[derive(Debug)]
+pub struct Update<'a> {
+    live: &'a RefCell<LiveError<'a>>,
+    /// The film so far.
+    pub film: &'a Film,
     /// Pixel samples so far.
     pub samples: u64,
     /// Rays so far.
@@ -80,8 +84,14 @@ pub struct Update {
     pub total_samples: Option<u64>,
     /// Since the first sample.
     pub elapsed: Duration,
-    /// Estimated relMSE so far, if it is known.
-    pub error: Option<f64>,
+}
+
+impl Update<'_> {
+    /// Estimated relMSE so far, if it is known. Looking takes a small part of the time, the less the less it is asked
+    /// for.
+    pub fn error(&self) -> Option<f64> {
+        self.live.borrow_mut().update()
+    }
 }
 
 /// Called about ten times a second with an [`Update`]; may end the render.
@@ -204,6 +214,11 @@ impl<'s> Render<'s> {
     pub fn plan(&self) -> &Plan {
         self.everything.as_ref().unwrap_or_else(|| self.scene.plan())
     }
+    /// How many pixels are rendered.
+    pub fn pixels(&self) -> u64 {
+        let [x0, x1, y0, y1] = self.scene.description().film.pixel_bounds;
+        u64::from(x1 - x0) * u64::from(y1 - y0)
+    }
     /// Samples a pixel at which it ends, if samples end it.
     pub fn last_sample(&self) -> Option<u32> {
         // A time limit or an error alone is the end; otherwise the scene's samples are.
@@ -287,20 +302,23 @@ impl<'s> Render<'s> {
     /// # Errors
     /// As [`Render::run`].
     pub fn run_in(mut self, tree: &Tree, building: Duration) -> Result<Picture, RenderError> {
+        let started = Instant::now();
         let film = self.film()?;
+        let film_time = started.elapsed();
         let mut watch = self.watch.take();
         let total_samples = self.last_sample().map(|spp| u64::from(spp) * film.pixels());
         let (ended, stats, elapsed, adaptive) = {
-            let mut live = LiveError::new(&film, self.settings.threads);
+            let live = RefCell::new(LiveError::new(&film, self.settings.threads));
             let (stop, started) = (self.stop.clone(), Instant::now());
             let on_done = |done: &Done| {
                 let Some(watch) = &mut watch else { return };
                 let update = Update {
+                    live: &live,
+                    film: &film,
                     samples: done.samples.load(Ordering::Relaxed),
                     rays: done.rays.load(Ordering::Relaxed),
                     total_samples,
                     elapsed: started.elapsed(),
-                    error: live.update(),
                 };
                 if watch(&update).is_break() {
                     stop.store(true, Ordering::Relaxed);
@@ -313,8 +331,9 @@ impl<'s> Render<'s> {
             };
             (ended, session.stats().clone(), session.elapsed(), session.adaptive())
         };
-        let setup = self.scene.setup() + building;
-        Ok(Picture::new(self.scene, &self.settings, film, &stats, elapsed, setup, ended, adaptive))
+        let mut setup = self.scene.setup().to_vec();
+        setup.extend([("film", film_time), ("tree", building)]);
+        Ok(Picture::new(self.scene, &self.settings, film, &stats, elapsed, &setup, ended, adaptive))
     }
 
     /// Samples a pixel at which a render to an error ends if it does not reach it.
