@@ -42,7 +42,9 @@ pub mod scene;
 pub mod tev;
 mod time_span;
 
+pub use glam;
 pub use render::{Picture, Render, RenderError, Update};
 pub use scene::{Scene, SceneError};
 pub use wavepath_engine as engine;
+pub use wavepath_kernels as kernels;
 pub use wavepath_engine::{film, plan};
