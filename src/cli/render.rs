@@ -44,6 +44,7 @@ pub(super) fn load(
     }
     let built = scene::build(&description, spherical)
         .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))?;
+    scene::release_meshes(&mut description);
     Ok((description, built))
 }
 

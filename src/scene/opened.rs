@@ -1,6 +1,6 @@
 //! A scene that is ready to be rendered: its description, the tables that the kernels read, and what they need.
 
-use super::{BuildError, SceneDescription, SphericalLights, build, set_resolution};
+use super::{BuildError, SceneDescription, SphericalLights, build, release_meshes, set_resolution};
 use crate::engine::{EngineKind, Tree};
 use crate::pbrt::{self, Diagnostic};
 use crate::plan::Plan;
@@ -124,6 +124,7 @@ impl Scene {
             Ok(tables) => tables,
             Err(error) => return Err(SceneError::Build { name, error }),
         };
+        release_meshes(&mut description);
         let plan = Plan::new(&tables);
         let setup = started.elapsed();
         Ok(Scene { name, description, warnings, inputs, tables, plan, setup })
@@ -133,7 +134,7 @@ impl Scene {
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// What was described.
+    /// What was described, with empty meshes: what was in them is in the tables.
     pub fn description(&self) -> &SceneDescription {
         &self.description
     }
