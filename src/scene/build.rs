@@ -93,6 +93,12 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
     })?)
 }
 
+/// Empties the meshes of a description once the tables are built, which hold all of them: a large scene is not held
+/// twice. Their handles stay.
+pub fn release_meshes(description: &mut d::SceneDescription) {
+    description.meshes.iter_mut().for_each(|mesh| *mesh = d::Mesh::default());
+}
+
 /// Sets another resolution: the crop keeps its share of the image, the field of view that of the shorter axis.
 pub fn set_resolution(description: &mut d::SceneDescription, width: u32, height: u32) {
     let film = &mut description.film;

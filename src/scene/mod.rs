@@ -4,7 +4,7 @@ mod build;
 mod description;
 mod opened;
 
-pub use build::{BuildError, SphericalLights, build, set_resolution};
+pub use build::{BuildError, SphericalLights, build, release_meshes, set_resolution};
 pub use description::*;
 pub use opened::{Scene, SceneError, SceneOptions};
 pub use wavepath_engine::SamplerKind;

@@ -1,6 +1,6 @@
 //! A scene that is ready to be rendered: its description, the tables that the kernels read, and what they need.
 
-use super::{BuildError, SceneDescription, SphericalLights, build, set_resolution};
+use super::{BuildError, SceneDescription, SphericalLights, build, release_meshes, set_resolution};
 use crate::engine::{EngineKind, Tree};
 use crate::pbrt::{self, Diagnostic};
 use crate::plan::Plan;
@@ -129,6 +129,7 @@ impl Scene {
             Ok(tables) => tables,
             Err(error) => return Err(SceneError::Build { name, error }.into()),
         };
+        release_meshes(&mut description);
         let plan = Plan::new(&tables);
         let setup = vec![("reading", reading - meshes), ("meshes", meshes), ("tables", started.elapsed())];
         Ok(Scene { name, description, warnings, inputs, tables, plan, setup })
@@ -138,7 +139,7 @@ impl Scene {
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// What was described.
+    /// What was described, with empty meshes: what was in them is in the tables.
     pub fn description(&self) -> &SceneDescription {
         &self.description
     }

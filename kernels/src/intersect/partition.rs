@@ -56,6 +56,14 @@ impl Reference {
             Key::Size => high - low,
         }
     }
+    /// The same along one axis.
+    #[inline(always)]
+    fn key_along(&self, by: Key, axis: usize) -> f32 {
+        match by {
+            Key::Centre => self.low[axis] + self.high[axis],
+            Key::Size => self.high[axis] - self.low[axis],
+        }
+    }
 }
 
 /// What primitives are told apart by, along an axis.
@@ -144,8 +152,14 @@ impl Scale {
     #[inline(always)]
     fn bins(&self, reference: &Reference) -> [usize; 3] {
         let place = (reference.key(self.by) - self.low) * self.scale;
-        place.to_array().map(|x| (x as i32 as usize).min(BINS - 1))
+        place.to_array().map(bin)
     }
+}
+
+/// The bin of a place in units of bins; what is no number falls into the first.
+#[inline(always)]
+fn bin(place: f32) -> usize {
+    (place as i32 as usize).min(BINS - 1)
 }
 
 impl Bins {
@@ -222,10 +236,7 @@ impl Partitioner {
             self.sweep(set)
         } else {
             let best = self.between_bins(set, extent);
-            if best.first > 0 {
-                return swap_sides(set, &best);
-            }
-            None
+            (best.first > 0).then(|| swap_sides(set, &best))
         };
         let first = first.unwrap_or_else(|| halve(set, extent));
         let (a, b) = set.split_at(first);
@@ -287,7 +298,7 @@ impl Partitioner {
         for (axis, order) in order.iter_mut().enumerate() {
             let mut keys = [(0.0f32, 0u32, 0u8); SMALL];
             for (place, (key, reference)) in keys.iter_mut().zip(&*set).enumerate() {
-                *key = (reference.low[axis] + reference.high[axis], reference.primitive, place as u8);
+                *key = (reference.key_along(Key::Centre, axis), reference.primitive, place as u8);
             }
             keys[..n].sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             for (place, key) in order.iter_mut().zip(&keys) {
@@ -331,22 +342,21 @@ fn sizes(set: &[Reference]) -> Aabb {
     })
 }
 
-/// Puts what lies in the bins of the first side first.
-fn swap_sides(set: &mut [Reference], best: &Best) -> (usize, [Extent; 2]) {
-    let (mut low, mut high) = (0, set.len());
-    let mut extents = [Extent::NOTHING; 2];
-    while low < high {
-        let reference = set[low];
-        if best.scale.bins(&reference)[best.axis] < best.first {
-            extents[0].add(&reference);
-            low += 1;
-        } else {
-            extents[1].add(&reference);
-            high -= 1;
-            set.swap(low, high);
-        }
+/// Puts what lies in the bins of the first side first, and returns how many those are. Without a branch, which would be
+/// foretold wrongly for every second reference.
+fn swap_sides(set: &mut [Reference], best: &Best) -> usize {
+    let (scale, axis) = (&best.scale, best.axis);
+    let (by, low, scale) = (scale.by, scale.low[axis], scale.scale[axis]);
+    let mut first = 0;
+    for place in 0..set.len() {
+        let reference = set[place];
+        // As in `Scale::bins`, along one axis.
+        let bin = bin((reference.key_along(by, axis) - low) * scale);
+        set[place] = set[first];
+        set[first] = reference;
+        first += usize::from(bin < best.first);
     }
-    (low, extents)
+    first
 }
 
 /// Parts a set in halves: along the axis on which places differ most, or sizes where all are at one place.
@@ -359,7 +369,7 @@ fn halve(set: &mut [Reference], extent: &Extent) -> usize {
         (Key::Size, sizes.max - sizes.min)
     };
     let axis = range.max_position();
-    let key = |reference: &Reference| reference.key(by)[axis];
+    let key = |reference: &Reference| reference.key_along(by, axis);
     let half = set.len() / 2;
     set.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.primitive.cmp(&b.primitive)));
     half
