@@ -504,7 +504,7 @@ impl Class {
 fn record(loaded: &Loaded, tree: &Bvh8, spp: u32, capacity: usize) -> Vec<Class> {
     let requirements = Requirements {
         light_sampling: true,
-        smooth_normals: loaded.plan.requirements.smooth_normals,
+        smooth_normals: loaded.plan.requirements().smooth_normals,
         ..Requirements::default()
     };
     let closest = || Rays::Closest {

@@ -19,7 +19,7 @@ fn intersect(c: &mut Criterion) {
         let geometry = loaded.scene.geometry();
         let (wide, naive) = (Bvh8::new(geometry), NaiveBvh::new(geometry));
         let rounds = loaded.many(&wide);
-        let mut hits = HitQueue::new(DEFAULT_BATCH, loaded.plan.requirements);
+        let mut hits = HitQueue::new(DEFAULT_BATCH, loaded.plan.requirements());
         let mut order = vec![0; DEFAULT_BATCH];
         for class in [RayClass::Camera, RayClass::Bounce] {
             let rays = |round: &Round| match class {

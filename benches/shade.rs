@@ -7,7 +7,7 @@ use std::marker::PhantomData;
 use support::{Lamp, Loaded, NoLamps, SphericalLamps, measure};
 use wavepath::engine::wavefront::record::Round;
 use wavepath_kernels::intersect::bvh8::Bvh8;
-use wavepath_kernels::isa::Level;
+use wavepath_kernels::isa::{Level, Promise};
 use wavepath_kernels::material_sort::list;
 use wavepath_kernels::queue::{PathQueue, SHADOW_RAYS, ShadowQueue};
 use wavepath_kernels::scene::MaterialClass;
@@ -22,7 +22,7 @@ use wavepath_kernels::shade::{
 /// Scatters the paths of a class: all of the first round, those that have bounced of a later one.
 fn scatter<M: Material, P: Features>(c: &mut Criterion, loaded: &Loaded, class: MaterialClass) {
     let level = Level::detect();
-    let requirements = loaded.plan.requirements;
+    let requirements = loaded.plan.requirements();
     let mut group = c.benchmark_group(format!("shade/{}/{}", class.name(), loaded.name));
     for (when, round) in loaded.first_and_deep(&Bvh8::new(loaded.scene.geometry())) {
         let all = round.list(class);
@@ -59,6 +59,8 @@ fn scatter<M: Material, P: Features>(c: &mut Criterion, loaded: &Loaded, class: 
                             scattered,
                             shadows,
                             kernel: PhantomData,
+                            // SAFETY: a round of a render, each queue as the stage found it.
+                            promise: unsafe { Promise::new() },
                         });
                     }
                 },
@@ -98,6 +100,8 @@ fn light_met(c: &mut Criterion) {
                 hits: &round.hits,
                 slots: &mut slots,
                 lights: PhantomData,
+                // SAFETY: a round of a render, each queue as the stage found it.
+                promise: unsafe { Promise::new() },
             });
         });
     });
@@ -110,6 +114,8 @@ fn light_met(c: &mut Criterion) {
                 list: missed,
                 paths: &round.paths,
                 slots: &mut slots,
+                // SAFETY: a round of a render, each queue as the stage found it.
+                promise: unsafe { Promise::new() },
             });
         });
     });

@@ -206,7 +206,7 @@ impl Loaded {
 
     /// An empty film.
     pub fn film(&self, spp: u32) -> Film {
-        Film::for_render(self.description.film.frame(), &self.scene, self.plan.requirements, Some(spp))
+        Film::for_render(self.description.film.frame(), &self.scene, self.plan.requirements(), Some(spp))
     }
 
     /// Renders and hands over each round, until `each` breaks or the image is done. Blocks of pixels come in an order that
@@ -226,16 +226,9 @@ impl Loaded {
         let stop = Stop { spp: Some(spp), time: None, interrupted: Default::default() };
         let schedule = Schedule::new(&film, 1, stop);
         let done = Done::default();
-        let job = Job {
-            scene: &self.scene,
-            plan: &self.plan,
-            film: &film,
-            schedule: &schedule,
-            seed: 1,
-            policy: Policy::Auto,
-            done: &done,
-        };
-        record(&job, tree, DEFAULT_BATCH, Level::detect(), each);
+        let job = Job::new(&self.scene, &self.plan, &film, &schedule, (1, Policy::Auto), &done)
+            .expect("all of one scene");
+        record(&job, tree, DEFAULT_BATCH, Level::detect(), each).expect("the scene's tree");
     }
 
     /// The first rounds of a render: many enough that a bench that goes through all of them, again and again, teaches

@@ -66,10 +66,8 @@ pub struct PixelBlock {
     pub x: u32,
     /// See `x`.
     pub y: u32,
-    /// Columns of each pixel in the order of generation.
-    pub columns: Vec<u32>,
-    /// Rows of each pixel in the order of generation.
-    pub rows: Vec<u32>,
+    columns: Vec<u32>,
+    rows: Vec<u32>,
 }
 
 impl PixelBlock {
@@ -90,6 +88,16 @@ impl PixelBlock {
     /// How many pixels.
     pub fn pixels(&self) -> usize {
         self.columns.len()
+    }
+    /// Column of each pixel in the order of generation.
+    #[inline(always)]
+    pub fn columns(&self) -> &[u32] {
+        &self.columns
+    }
+    /// Row of each pixel in the order of generation.
+    #[inline(always)]
+    pub fn rows(&self) -> &[u32] {
+        &self.rows
     }
 }
 
@@ -118,6 +126,8 @@ pub struct Batch<'a> {
 }
 
 /// The kernel: starts one path for each of `free`.
+///
+/// Panics if the unit has fewer paths, more than 16 samples a pixel or none, or if a queue is too small.
 pub struct Generate<'a, S> {
     /// Camera.
     pub camera: &'a Camera,
@@ -151,7 +161,9 @@ fn generate<F: Real, S: Sampler>(
 ) {
     static NUMBERS: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
     let samples = batch.samples as usize;
-    debug_assert!((1..=1 << SAMPLE_BITS).contains(&samples));
+    // What the multiplication below is exact for.
+    assert!((1..=1 << SAMPLE_BITS).contains(&samples), "{samples} samples of a pixel");
+    assert!((batch.first + free.len()).div_ceil(samples) <= batch.block.pixels(), "more paths than samples");
     // `k / samples` for the `k` that occur, as a multiplication: rounded up, it is exact up to 2^16 / samples.
     let per_sample = F::Uint::splat((1u32 << 16).div_ceil(batch.samples));
     let weights = !slots.filter_weight.is_empty();
@@ -166,7 +178,7 @@ fn generate<F: Real, S: Sampler>(
         let pixel = F::Uint::splat((path / samples) as u32) + turn;
         let sample = offset - turn * F::Uint::splat(batch.samples);
         let active = F::Mask::first(count);
-        // SAFETY: pixels of the block; other lanes take the first one.
+        // SAFETY: pixels of the block, which has as many columns as rows; other lanes take the first one.
         let (x, y) = unsafe {
             let pixel = F::Uint::select(active, pixel, F::Uint::splat(0));
             (F::Uint::gather(&batch.block.columns, pixel), F::Uint::gather(&batch.block.rows, pixel))

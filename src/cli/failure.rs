@@ -65,7 +65,7 @@ impl From<RenderError> for Failure {
         match error {
             RenderError::Choice { .. } => Self::Usage(error.to_string()),
             RenderError::Memory { .. } => Self::Input(error.to_string()),
-            RenderError::Threads { .. } => Self::Work(error.to_string()),
+            RenderError::Threads { .. } | RenderError::Session(_) => Self::Work(error.to_string()),
         }
     }
 }

@@ -16,7 +16,7 @@ pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
     let spp = args.spp.unwrap_or(description.sampler.pixel_samples);
     let [x0, x1, y0, y1] = film.pixel_bounds;
     let pixels = (x1 - x0) as u64 * (y1 - y0) as u64;
-    let bytes = Film::bytes_for_render(film.frame(), plan.requirements, Some(spp));
+    let bytes = Film::bytes_for_render(film.frame(), plan.requirements(), Some(spp));
     let threads = args.threads.unwrap_or_else(render::default_threads);
     let batch = args.batch.unwrap_or(wavefront::DEFAULT_BATCH);
     let queues =
@@ -27,7 +27,7 @@ pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
         json["queue_bytes"] = queues.into();
         return output::say(format_args!("{json:#}"));
     }
-    let replicates = Film::replicates_for_render(film.frame(), plan.requirements, Some(spp));
+    let replicates = Film::replicates_for_render(film.frame(), plan.requirements(), Some(spp));
     output::say(format_args!(
         "{plan}\nfilm            {pixels} pixels, {replicates} replicates at {spp} spp: {bytes} bytes\n\
          queues          {threads} threads x {batch} paths: {queues} bytes"

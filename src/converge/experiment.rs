@@ -210,7 +210,7 @@ impl Work<'_> {
         let frame = Frame::of(self.scene.description());
         let pictures =
             runs * kept * u64::from(frame.width) * u64::from(frame.height) * size_of::<[f32; 3]>() as u64;
-        let needed = pictures + Film::bytes_for_render(film.frame(), self.scene.plan().requirements, None);
+        let needed = pictures + Film::bytes_for_render(film.frame(), self.scene.plan().requirements(), None);
         if needed <= memory::limit() {
             return Ok(());
         }

@@ -18,7 +18,7 @@ mod finished;
 pub use finished::{Picture, PictureError, image_of, stages};
 
 use crate::engine::schedule::Stop;
-use crate::engine::session::{MOST_SPP, Session};
+use crate::engine::session::{MOST_SPP, Session, SessionError};
 use crate::engine::{Done, EngineKind, SamplerKind, Settings, Tree, wavefront};
 use crate::film::Film;
 use crate::film::live_error::LiveError;
@@ -60,6 +60,9 @@ pub enum RenderError {
         /// Bytes.
         free: u64,
     },
+    /// A tree or a film that was made for something else.
+    #[error(transparent)]
+    Session(SessionError),
     /// The system does not give the threads.
     #[error("cannot start {threads} threads: {reason}")]
     Threads {
@@ -265,11 +268,11 @@ impl<'s> Render<'s> {
         // What must know its error from the first samples on has all replicates, whatever the limit.
         let spp = self.last_sample().filter(|_| self.error.is_none());
         let frame = description.film.frame();
-        let (needed, free) = (Film::bytes_for_render(frame, plan.requirements, spp), memory::limit());
+        let (needed, free) = (Film::bytes_for_render(frame, plan.requirements(), spp), memory::limit());
         if needed > free {
             return Err(RenderError::Memory { resolution: description.film.resolution, needed, free });
         }
-        Ok(Film::for_render(frame, self.scene.tables(), plan.requirements, spp))
+        Ok(Film::for_render(frame, self.scene.tables(), plan.requirements(), spp))
     }
 
     /// A session that fills `film`, to be paused and gone on with: [`Render::run`] does that for you.
@@ -280,9 +283,11 @@ impl<'s> Render<'s> {
         self.check()?;
         let stop = Stop { spp: self.last_sample(), time: self.time, interrupted: self.stop.clone() };
         let (tables, plan) = (self.scene.tables(), self.plan());
-        Session::new(tables, plan, tree, film, &self.settings, stop).map_err(|error| RenderError::Threads {
-            threads: self.settings.threads,
-            reason: error.to_string(),
+        Session::new(tables, plan, tree, film, &self.settings, stop).map_err(|error| match error {
+            SessionError::Threads { threads, reason } => {
+                RenderError::Threads { threads, reason: reason.to_string() }
+            }
+            other => RenderError::Session(other),
         })
     }
 

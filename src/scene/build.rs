@@ -1,5 +1,6 @@
 //! From a [`SceneDescription`] to the tables that the kernels read.
 
+use super::check::check;
 use super::description as d;
 use glam::{DAffine3, DMat3, DVec3};
 use wavepath_kernels::scene::lights::{
@@ -32,6 +33,16 @@ pub enum BuildError {
         /// Number of the material.
         material: u32,
         /// What was found.
+        what: String,
+    },
+    /// Something in the description that cannot be.
+    #[error("{of} {id}: {what}")]
+    Wrong {
+        /// Of what: "shape", "material", "mesh", "light"; "camera", "film", "filter", "sampler".
+        of: &'static str,
+        /// Its number among them; 0 where there is one.
+        id: usize,
+        /// What is wrong with it.
         what: String,
     },
     /// What comes out is no scene.
@@ -72,6 +83,7 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
         geometry: GeometryParts::default(),
         lights: LightList::default(),
     };
+    check(description)?;
     builder.check_size()?;
     builder.materials()?;
     builder.meshes();
@@ -103,6 +115,11 @@ pub fn release_meshes(description: &mut d::SceneDescription) {
 pub fn set_resolution(description: &mut d::SceneDescription, width: u32, height: u32) {
     let film = &mut description.film;
     let old = film.resolution;
+    if width == 0 || height == 0 {
+        // No image: `build` will say so.
+        film.resolution = [width, height];
+        return;
+    }
     let scale = |x: u32, axis: usize, new: u32| {
         (x as f64 * new as f64 / old[axis] as f64).round().min(new as f64) as u32
     };

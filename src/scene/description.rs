@@ -20,7 +20,7 @@ pub struct MaterialId(pub u32);
 pub struct MeshId(pub u32);
 
 /// A scene in world space.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct SceneDescription {
     /// Where the rays start.
     pub camera: Camera,
@@ -40,6 +40,23 @@ pub struct SceneDescription {
     pub materials: Vec<Material>,
     /// Lights without a surface. Emitting surfaces are [`Shape::emission`].
     pub lights: Vec<Light>,
+}
+
+impl Default for SceneDescription {
+    /// Nothing, seen as pbrt does without options: five scattering vertices.
+    fn default() -> Self {
+        SceneDescription {
+            camera: Camera::default(),
+            film: Film::default(),
+            filter: Filter::default(),
+            sampler: Sampler::default(),
+            max_depth: 5,
+            meshes: Vec::new(),
+            shapes: Vec::new(),
+            materials: Vec::new(),
+            lights: Vec::new(),
+        }
+    }
 }
 
 /// A perspective camera with an optional thin lens.

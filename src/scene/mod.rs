@@ -1,6 +1,7 @@
 //! What a scene is, apart from the format it was written in.
 
 mod build;
+mod check;
 mod description;
 mod opened;
 

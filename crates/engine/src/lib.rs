@@ -18,7 +18,7 @@ pub mod wavefront;
 use crate::film::{BlockSums, Film};
 use crate::plan::Plan;
 use schedule::{Schedule, Stop, Unit};
-use session::Session;
+use session::{Session, SessionError};
 use stats::Stats;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -107,6 +107,14 @@ pub enum Tree<'a> {
 }
 
 impl<'a> Tree<'a> {
+    /// Is it the tree of `scene`, for an engine of this kind?
+    pub fn is_of(&self, scene: &Scene, engine: EngineKind) -> bool {
+        let wide = matches!(engine, EngineKind::Wavefront | EngineKind::MegakernelWide);
+        match self {
+            Tree::Bvh8(tree) => wide && tree.is_of(scene.geometry()),
+            Tree::Naive(tree) => !wide && tree.is_of(scene.geometry()),
+        }
+    }
     /// Builds the tree of an engine.
     pub fn build(engine: EngineKind, scene: &'a Scene) -> Self {
         match engine {
@@ -176,22 +184,48 @@ pub struct Done {
     pub rays: AtomicU64,
 }
 
-/// What all workers of a render share.
+/// What all workers of a render share. Its parts belong together: kernels rely on it.
 pub struct Job<'a> {
-    /// Scene.
-    pub scene: &'a Scene,
-    /// Its plan.
-    pub plan: &'a Plan,
-    /// Receives the samples.
-    pub film: &'a Film,
-    /// Gives out work.
-    pub schedule: &'a Schedule,
-    /// Seed of the random numbers.
-    pub seed: u64,
-    /// How rays go through the tree, wavefront engine.
-    pub policy: Policy,
-    /// What is done so far.
-    pub done: &'a Done,
+    scene: &'a Scene,
+    plan: &'a Plan,
+    film: &'a Film,
+    schedule: &'a Schedule,
+    seed: u64,
+    policy: Policy,
+    done: &'a Done,
+}
+
+impl<'a> Job<'a> {
+    /// Work on a scene by its plan, given out by `schedule`, whose samples go into `film`; what is done so far is told in
+    /// `done`. The seed is that of the random numbers; the policy says how rays go through the tree, wavefront engine.
+    ///
+    /// # Errors
+    /// [`SessionError::Foreign`] if the plan is another scene's, or the film or the schedule were made for another.
+    pub fn new(
+        scene: &'a Scene,
+        plan: &'a Plan,
+        film: &'a Film,
+        schedule: &'a Schedule,
+        (seed, policy): (u64, Policy),
+        done: &'a Done,
+    ) -> Result<Self, SessionError> {
+        check_together(scene, plan, film)?;
+        if !schedule.is_of(film) {
+            return Err(SessionError::Foreign { what: "schedule", of: "another film" });
+        }
+        Ok(Job { scene, plan, film, schedule, seed, policy, done })
+    }
+}
+
+/// Checks that plan and film are made for a scene.
+fn check_together(scene: &Scene, plan: &Plan, film: &Film) -> Result<(), SessionError> {
+    if plan.scene() != scene.id() {
+        return Err(SessionError::Foreign { what: "plan", of: "another scene" });
+    }
+    if film.requirements.filter_weights != plan.requirements().filter_weights {
+        return Err(SessionError::Foreign { what: "film", of: "another filter" });
+    }
+    Ok(())
 }
 
 /// Adds a complete work unit to the film.
@@ -217,7 +251,7 @@ impl<S: Sampler, L: LightKinds> Features for Planned<S, L> {
 /// counted, and how long it took.
 ///
 /// # Errors
-/// If the threads cannot be started.
+/// [`SessionError`] if it cannot begin.
 pub fn render(
     scene: &Scene,
     plan: &Plan,
@@ -226,7 +260,7 @@ pub fn render(
     settings: &Settings,
     stop: Stop,
     watch: impl FnMut(&Done),
-) -> Result<(Stats, Duration), rayon::ThreadPoolBuildError> {
+) -> Result<(Stats, Duration), SessionError> {
     let time = stop.time;
     let mut session = Session::new(scene, plan, tree, film, settings, stop)?;
     session.run(time, watch);
@@ -267,7 +301,7 @@ fn watched<R: Send>(done: &Done, mut watch: impl FnMut(&Done), work: impl FnOnce
 
 fn with_sampler<S: Sampler>(pool: &rayon::ThreadPool, job: &Job, tree: &Tree, settings: &Settings) -> Stats {
     let work = Work { pool, job, tree, settings, sampler: PhantomData::<S> };
-    let workers = with_lights(job.plan.light_kinds, work);
+    let workers = with_lights(job.plan.light_kinds(), work);
     workers.iter().fold(Stats::default(), |mut sum, worker| {
         sum.merge(worker);
         sum

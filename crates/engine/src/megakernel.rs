@@ -24,13 +24,13 @@ use wavepath_kernels::shade::{
 };
 
 /// One worker of the engine: takes tiles until there are none left.
-pub struct Worker<'a, P> {
+pub(crate) struct Worker<'a, P> {
     /// What is rendered.
-    pub job: &'a Job<'a>,
-    /// What rays are traced through.
-    pub tree: &'a Tree<'a>,
-    /// Features.
-    pub features: PhantomData<P>,
+    pub(crate) job: &'a Job<'a>,
+    /// What rays are traced through: a tree of the job's scene.
+    pub(crate) tree: &'a Tree<'a>,
+    /// Features: those of the job's plan, or more.
+    pub(crate) features: PhantomData<P>,
 }
 
 impl<P: Features> Kernel for Worker<'_, P> {
@@ -49,7 +49,7 @@ impl<P> Worker<'_, P> {
         let mut stats = Stats::default();
         let mut laps = Laps::start();
         let mut stack = tree.stack();
-        let mut sums = BlockSums::new(BLOCK_PIXELS, job.plan.requirements);
+        let mut sums = BlockSums::new(BLOCK_PIXELS, job.plan.requirements());
         while let Some(unit) = job.schedule.take() {
             sums.clear();
             isa.run(Tile::<Q> {
@@ -88,7 +88,7 @@ impl<P: Features> Kernel for Tile<'_, P> {
         let weighted = scene.camera().filter().has_negative_lobes();
         let before = self.stats.bounce_rays;
         for pixel in 0..block.pixels() {
-            let (x, y) = (block.x + block.columns[pixel], block.y + block.rows[pixel]);
+            let (x, y) = (block.x + block.columns()[pixel], block.y + block.rows()[pixel]);
             let splat = <<I as Isa>::One as Real>::Uint::splat;
             let number = splat(y.wrapping_mul(film.image_width).wrapping_add(x));
             let stream_seed = stream_seed(seed, number, self.unit.replicate);

@@ -6,7 +6,7 @@ use serde::Serialize;
 use std::fmt;
 use wavepath_kernels::queue::{Requirements, bytes_per_path, columns};
 use wavepath_kernels::scene::lights::kind;
-use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene};
+use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene, SceneId};
 
 /// A stage or kernel that runs or is left out, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -48,14 +48,11 @@ pub struct Primitives {
 /// What a scene needs.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// Features of queues.
-    pub requirements: Requirements,
-    /// Shade kernels that run, in order.
-    pub shade_kernels: Vec<MaterialClass>,
-    /// Is there light from the sky?
-    pub has_environment: bool,
-    /// Kinds of lights to sample ([`kind`]).
-    pub light_kinds: u32,
+    scene: SceneId,
+    requirements: Requirements,
+    shade_kernels: Vec<MaterialClass>,
+    has_environment: bool,
+    light_kinds: u32,
     /// Lights, by what they are.
     pub lights: Vec<(&'static str, usize)>,
     /// Primitives.
@@ -75,6 +72,27 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// The scene that it is the plan of.
+    pub fn scene(&self) -> SceneId {
+        self.scene
+    }
+    /// Features of queues.
+    pub fn requirements(&self) -> Requirements {
+        self.requirements
+    }
+    /// Shade kernels that run, in order.
+    pub fn shade_kernels(&self) -> &[MaterialClass] {
+        &self.shade_kernels
+    }
+    /// Is there light from the sky?
+    pub fn has_environment(&self) -> bool {
+        self.has_environment
+    }
+    /// Kinds of lights to sample ([`kind`]).
+    pub fn light_kinds(&self) -> u32 {
+        self.light_kinds
+    }
+
     /// Makes the plan of a scene.
     pub fn new(scene: &Scene) -> Plan {
         let geometry = scene.geometry();
@@ -105,6 +123,7 @@ impl Plan {
         let has_environment = scene.environment() != [0.0; 3];
         let (path_bytes, shadow_queue_bytes) = bytes_per_path(requirements);
         let mut plan = Plan {
+            scene: scene.id(),
             requirements,
             shade_kernels,
             has_environment,

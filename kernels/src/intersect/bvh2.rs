@@ -101,6 +101,11 @@ impl<'a> NaiveBvh<'a> {
         NaiveBvh { tree, geometry, corners }
     }
 
+    /// Is this the tree of `geometry`, the very same?
+    pub fn is_of(&self, geometry: &Geometry) -> bool {
+        core::ptr::eq(self.geometry, geometry)
+    }
+
     /// Walks the tree; `done` says after each primitive whether that was enough.
     #[inline(always)]
     fn walk(&self, origin: [f32; 3], direction: [f32; 3], t_max: f32, any: bool) -> Hit {

@@ -54,15 +54,15 @@ impl Hit {
 #[derive(Clone, Debug, Default)]
 pub struct TraversalStack {
     /// Nodes to visit.
-    pub nodes: Vec<u32>,
+    pub(crate) nodes: Vec<u32>,
     /// The distance at which the ray enters them.
-    pub distances: Vec<f32>,
+    pub(crate) distances: Vec<f32>,
     /// Nodes to visit, and the distance at which each ray of some packets enters them.
-    pub packets: Vec<(u32, PacketDistances)>,
+    pub(crate) packets: Vec<(u32, PacketDistances)>,
     /// Nodes to visit, and the rays of some packets that enter them, a bit each.
-    pub lanes: Vec<(u32, u64)>,
+    pub(crate) lanes: Vec<(u32, u64)>,
     /// Puts rays in order.
-    pub sorter: RaySorter,
+    pub(crate) sorter: RaySorter,
 }
 
 /// A distance for each ray of as many packets as go together, whole cache lines.
@@ -488,13 +488,16 @@ impl<A: Accelerator> Intersect<'_, A> {
         let (rays, hits) = (self.paths, self.hits);
         let barycentric = !hits.u.is_empty();
         let n = self.range.len();
+        let [x, y, z] = [&rays.direction_x, &rays.direction_y, &rays.direction_z].map(Vec::len);
+        let [a, b, c] = [&rays.origin_x, &rays.origin_y, &rays.origin_z].map(Vec::len);
+        assert!(self.range.end <= x.min(y).min(z).min(a).min(b).min(c), "more rays than there are");
         // Hits are not known yet: their part of the column of primitives holds the keys.
         let keys = &mut hits.primitive[self.range.start..];
         self.stack.sorter.sort::<I::Wide>(rays, self.range, keys, self.order);
         let mut at = 0;
         while at < n {
             let (place, count) = list_lanes::<I::Wide>(&self.order[..n], at);
-            // SAFETY: the list holds places of rays.
+            // SAFETY: the list holds places in the range, all of which are rays.
             let packet = unsafe { rays.packet_of(place, count) };
             let [hit] = self.accelerator.closest_packets(isa, &[packet], self.stack);
             let (t, primitive) = (hit.t.to_array(), hit.primitive.to_array());

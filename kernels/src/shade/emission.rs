@@ -1,7 +1,7 @@
 //! Light that a path finds by itself: emitting surfaces.
 
 use super::{add_radiance, list_lanes};
-use crate::isa::{Isa, Kernel};
+use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Real, Uint};
 use crate::material_sort::EMITS;
 use crate::math::{Vec3, power_heuristic};
@@ -41,7 +41,10 @@ pub unsafe fn emitted<F: Real, L: LightKinds>(
     Vec3::select(radiance.max_component().gt(F::zero()), weighed, Vec3::zero())
 }
 
-/// The kernel: adds the emitted radiance of the listed paths.
+/// The kernel: adds the emitted radiance of the paths whose key says that they met a light.
+///
+/// Promise: the queues are as long as their `new` made them; there is a path for each key, and where the key says so it
+/// has a hit on a primitive of the scene that emits; if `L` is not empty, paths have densities.
 pub struct Emission<'a, L> {
     /// Scene.
     pub scene: &'a Scene,
@@ -55,6 +58,8 @@ pub struct Emission<'a, L> {
     pub slots: &'a mut SlotTable,
     /// Lights that are sampled, too.
     pub lights: PhantomData<L>,
+    /// See there.
+    pub promise: Promise,
 }
 
 impl<L: LightKinds> Kernel for Emission<'_, L> {

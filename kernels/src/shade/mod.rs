@@ -15,7 +15,7 @@ pub mod rough_conductor;
 pub mod surface;
 pub mod thin_dielectric;
 
-use crate::isa::{Isa, Kernel};
+use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Mask, Real, Uint};
 use crate::math::{Frame, Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable};
@@ -109,7 +109,7 @@ pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
     let frame = Frame::from_normal(normal);
     let wo_local = frame.to_local(wo);
 
-    let shadow = if P::LIGHTS != 0 && !B::SPECULAR {
+    let shadow = if P::LIGHTS != 0 && !B::SPECULAR && !scene.lights().is_empty() {
         light_ray::<F, B, P>(scene, vertex, bsdf, &frame, wo_local)
     } else {
         ShadowRay {
@@ -152,7 +152,7 @@ fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
     } else {
         F::Uint::splat(0)
     };
-    // SAFETY: `choose` returns lights that exist; light 0 exists, as `LIGHTS` is not 0.
+    // SAFETY: `choose` returns lights that exist; light 0 exists, as `scatter` asked.
     let light = unsafe { lights.row::<F>(id) };
     let u = P::Sampler::two::<F>(vertex.stream, vertex_dimension(vertex.depth, dimension::LIGHT));
     // The same reference point as that of a BSDF ray on this side, so that both strategies speak of one density.
@@ -219,6 +219,10 @@ pub unsafe fn material_of<U: Uint>(scene: &Scene, tag: U) -> U {
 }
 
 /// The kernel: scatters the paths of one class.
+///
+/// Promise: the queues are as long as their `new` made them; `list` holds places of `paths`, each of which has a hit on a
+/// primitive of the scene whose tag is of the class `M`; their slots are below the capacity of `slots`, and hold places
+/// of units that have an entry in `first_sample`; if `P` samples lights, `shadows` has room for the list.
 pub struct Shade<'a, M, P> {
     /// Scene.
     pub scene: &'a Scene,
@@ -238,6 +242,8 @@ pub struct Shade<'a, M, P> {
     pub shadows: &'a mut ShadowQueue,
     /// Material and features.
     pub kernel: PhantomData<(M, P)>,
+    /// See there.
+    pub promise: Promise,
 }
 
 impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {

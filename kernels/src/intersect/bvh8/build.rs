@@ -3,7 +3,7 @@
 
 use super::super::bounds;
 use super::super::partition::{Extent, Partitioner, Reference, references};
-use super::{BLOCK, Block, Bvh8, Child, EMPTY, MAX_LEAF, Node, WIDTH};
+use super::{BLOCK, Block, Bvh8, Child, EMPTY, LeafKind, MAX_LEAF, Node, WIDTH};
 use crate::huge::HugeArray;
 use crate::scene::Geometry;
 use glam::Vec3A;
@@ -307,14 +307,14 @@ impl Run<'_> {
                     let first = round;
                     round += primitives.len();
                     self.round[first..round].copy_from_slice(primitives);
-                    Child::leaf(true, self.first_round + first, primitives.len())
+                    Child::leaf(LeafKind::Others, self.first_round + first, primitives.len())
                 } else {
                     let first = block;
                     block += primitives.len().div_ceil(BLOCK);
                     for (block, four) in self.blocks[first..block].iter_mut().zip(primitives.chunks(BLOCK)) {
                         *block = Block::new(geometry, four);
                     }
-                    Child::leaf(false, self.first_block + first, block - first)
+                    Child::leaf(LeafKind::Blocks, self.first_block + first, block - first)
                 };
                 node.child[lane] = child.0;
             }

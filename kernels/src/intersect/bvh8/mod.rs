@@ -25,26 +25,45 @@ const MAX_LEAF: u32 = 8;
 /// A child that is not there.
 const EMPTY: Child = Child(u32::MAX);
 
-/// A node's child: an inner node (its number), or a leaf: the top bit is set, then one bit says triangles (0) or
-/// others (1), three bits hold the number of blocks or primitives less one, the rest the number of the first.
+/// What a leaf holds. The walks ask with a `match`: a further kind is a variant here and an arm in each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+enum LeafKind {
+    /// Blocks of triangles.
+    Blocks = 0,
+    /// Other primitives, by number: spheres, and what [`crate::scene::shapes`] holds.
+    Others = 1,
+}
+
+/// A node's child: an inner node (its number), or a leaf: the top bit is set, then two bits hold the [`LeafKind`], two
+/// the number of blocks or primitives less one, the rest the number of the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Child(u32);
 
 impl Child {
     const LEAF: u32 = 1 << 31;
-    const ROUND: u32 = 1 << 30;
+    const KIND_SHIFT: u32 = 29;
     const COUNT_SHIFT: u32 = 27;
+    const MOST: usize = 1 << (Self::KIND_SHIFT - Self::COUNT_SHIFT);
     const FIRST: u32 = (1 << Self::COUNT_SHIFT) - 1;
 
-    fn leaf(round: bool, first: usize, count: usize) -> Self {
-        assert!(first as u32 <= Self::FIRST && (1..=8).contains(&count));
-        let kind = if round { Self::ROUND } else { 0 };
-        Child(Self::LEAF | kind | (count as u32 - 1) << Self::COUNT_SHIFT | first as u32)
+    fn leaf(kind: LeafKind, first: usize, count: usize) -> Self {
+        assert!(first <= Self::FIRST as usize && (1..=Self::MOST).contains(&count));
+        let (kind, count) = ((kind as u32) << Self::KIND_SHIFT, (count as u32 - 1) << Self::COUNT_SHIFT);
+        Child(Self::LEAF | kind | count | first as u32)
+    }
+    /// What a leaf holds.
+    #[inline(always)]
+    fn kind(self) -> LeafKind {
+        match self.0 >> Self::KIND_SHIFT & 3 {
+            0 => LeafKind::Blocks,
+            _ => LeafKind::Others,
+        }
     }
     #[inline(always)]
     fn range(self) -> core::ops::Range<usize> {
         let first = (self.0 & Self::FIRST) as usize;
-        first..first + 1 + (self.0 >> Self::COUNT_SHIFT & 7) as usize
+        first..first + 1 + (self.0 >> Self::COUNT_SHIFT) as usize % Self::MOST
     }
 }
 
@@ -96,6 +115,27 @@ impl Bvh8<'_> {
     /// Measured as above. Cornell box 1 : 4 : 5; glass 1 : 2 : 2; still life 1 : 1.2 : 1.1; metals (3.2 MiB)
     /// 1 : 1.4 : 1.4; knot 1 : 1 : 0.6; two million triangles 1 : 1 : 0.3.
     const PACKETS_SHADOW: usize = 4 << 20;
+}
+
+impl Bvh8<'_> {
+    /// Is this the tree of `geometry`, the very same?
+    pub fn is_of(&self, geometry: &Geometry) -> bool {
+        core::ptr::eq(self.geometry, geometry)
+    }
+
+    /// Sees to it that a stack has room for `rays` rays at a time, or for packets: one of another tree may be shorter.
+    #[inline(always)]
+    fn fit(&self, stack: &mut TraversalStack, rays: usize) {
+        let room = stack.nodes.len().min(stack.distances.len());
+        if room < rays * self.stack || stack.lanes.len().min(stack.packets.len()) < self.stack {
+            self.renew_stack(stack);
+        }
+    }
+    #[cold]
+    #[inline(never)]
+    fn renew_stack(&self, stack: &mut TraversalStack) {
+        *stack = self.stack();
+    }
 }
 
 impl Accelerator for Bvh8<'_> {
