@@ -190,7 +190,7 @@ impl Embree {
                 assert!(!to.is_null(), "Embree has no memory");
                 std::ptr::copy_nonoverlapping(from, to.cast(), 12 * count);
             };
-            let (vertices, triangles) = (&geometry.vertices, &geometry.triangles);
+            let (vertices, triangles) = (&geometry.vertices(), &geometry.triangles());
             fill(rtc::BUFFER_TYPE_VERTEX, rtc::FORMAT_FLOAT3, vertices.as_ptr().cast(), vertices.len());
             fill(rtc::BUFFER_TYPE_INDEX, rtc::FORMAT_UINT3, triangles.as_ptr().cast(), triangles.len());
             rtc::rtcCommitGeometry(mesh);
@@ -504,7 +504,7 @@ impl Class {
 fn record(loaded: &Loaded, tree: &Bvh8, spp: u32, capacity: usize) -> Vec<Class> {
     let requirements = Requirements {
         light_sampling: true,
-        smooth_normals: loaded.plan.requirements.smooth_normals,
+        smooth_normals: loaded.plan.requirements().smooth_normals,
         ..Requirements::default()
     };
     let closest = || Rays::Closest {
@@ -571,7 +571,7 @@ struct Trees<'a> {
 
 impl<'a> Trees<'a> {
     fn new(geometry: &'a Geometry) -> Self {
-        assert_eq!(geometry.primitives(), geometry.triangles.len(), "only triangles are the same for both");
+        assert_eq!(geometry.primitives(), geometry.triangles().len(), "only triangles are the same for both");
         let started = Instant::now();
         let ours = Bvh8::new(geometry);
         let mut built = format!("{:.1} s, {} MiB |", started.elapsed().as_secs_f64(), ours.bytes() >> 20);
@@ -689,7 +689,7 @@ fn main() {
         if filter.as_ref().is_some_and(|filter| !loaded.name.contains(filter.as_str())) {
             continue;
         }
-        let trees = Trees::new(&loaded.scene.geometry);
+        let trees = Trees::new(loaded.scene.geometry());
         tables.built += &format!("| {} | {}\n", loaded.name, trees.built);
         for class in &mut record(&loaded, &trees.ours, spp, capacity) {
             tables.add(loaded.name, class, &trees, level, rounds);

@@ -12,9 +12,9 @@ use wavepath_kernels::queue::unit_and_pixel;
 
 fn film(c: &mut Criterion) {
     let loaded = Loaded::shipped("cornell");
-    let requirements = loaded.plan.requirements;
+    let requirements = loaded.plan.requirements();
     let film = loaded.film(64);
-    let [_, (_, round)] = loaded.first_and_deep(&Bvh8::new(&loaded.scene.geometry));
+    let [_, (_, round)] = loaded.first_and_deep(&Bvh8::new(loaded.scene.geometry()));
     let slots = &round.lit_slots;
     let mut sums = BlockSums::new(BLOCK_PIXELS, requirements);
     let mut group = c.benchmark_group("film");

@@ -16,10 +16,10 @@ use wavepath_kernels::queue::HitQueue;
 fn intersect(c: &mut Criterion) {
     let level = Level::detect();
     for loaded in [Loaded::shipped("cornell"), Loaded::menger(Lamp::Ball)] {
-        let geometry = &loaded.scene.geometry;
+        let geometry = loaded.scene.geometry();
         let (wide, naive) = (Bvh8::new(geometry), NaiveBvh::new(geometry));
         let rounds = loaded.many(&wide);
-        let mut hits = HitQueue::new(DEFAULT_BATCH, loaded.plan.requirements);
+        let mut hits = HitQueue::new(DEFAULT_BATCH, loaded.plan.requirements());
         let mut order = vec![0; DEFAULT_BATCH];
         for class in [RayClass::Camera, RayClass::Bounce] {
             let rays = |round: &Round| match class {

@@ -14,7 +14,7 @@ use wavepath_kernels::light_sample::LightSample;
 fn light_sample(c: &mut Criterion) {
     let level = Level::detect();
     for loaded in [Loaded::shipped("cornell"), Loaded::menger(Lamp::Ball)] {
-        let geometry = &loaded.scene.geometry;
+        let geometry = loaded.scene.geometry();
         let (wide, naive) = (Bvh8::new(geometry), NaiveBvh::new(geometry));
         let rounds = loaded.many(&wide);
         // Radiance grows from run to run; nothing depends on it.

@@ -11,7 +11,7 @@ use wavepath_kernels::material_sort::MaterialSort;
 fn material_sort(c: &mut Criterion) {
     let level = Level::detect();
     for loaded in [Loaded::shipped("cornell"), Loaded::shipped("wineglass")] {
-        let tree = Bvh8::new(&loaded.scene.geometry);
+        let tree = Bvh8::new(loaded.scene.geometry());
         let mut group = c.benchmark_group(format!("material_sort/{}", loaded.name));
         for (when, round) in loaded.first_and_deep(&tree) {
             let mut order = round.order.clone();
@@ -19,8 +19,8 @@ fn material_sort(c: &mut Criterion) {
             group.bench_function(when, |b| {
                 b.iter(|| {
                     level.run(MaterialSort {
-                        tags: &loaded.scene.geometry.tags,
-                        max_depth: loaded.scene.max_depth,
+                        tags: loaded.scene.geometry().tags(),
+                        max_depth: loaded.scene.max_depth(),
                         paths: &round.paths,
                         hits: &round.hits,
                         order: &mut order,

@@ -6,14 +6,14 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::marker::PhantomData;
 use support::{Lamp, Loaded, measure};
 use wavepath_kernels::intersect::bvh8::Bvh8;
-use wavepath_kernels::isa::Level;
+use wavepath_kernels::isa::{Level, Promise};
 use wavepath_kernels::roulette_compact::RouletteCompact;
 use wavepath_kernels::sampler::Sobol;
 
 fn roulette_compact(c: &mut Criterion) {
     let level = Level::detect();
     for loaded in [Loaded::shipped("cornell"), Loaded::menger(Lamp::Ball)] {
-        let tree = Bvh8::new(&loaded.scene.geometry);
+        let tree = Bvh8::new(loaded.scene.geometry());
         let mut group = c.benchmark_group(format!("roulette_compact/{}", loaded.name));
         for (when, round) in loaded.first_and_deep(&tree) {
             let mut slots = round.lit_slots.clone();
@@ -33,6 +33,8 @@ fn roulette_compact(c: &mut Criterion) {
                             order,
                             free: 0,
                             sampler: PhantomData,
+                            // SAFETY: a round of a render, each queue as the stage found it.
+                            promise: unsafe { Promise::new() },
                         });
                     },
                 );

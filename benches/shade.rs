@@ -7,24 +7,24 @@ use std::marker::PhantomData;
 use support::{Lamp, Loaded, NoLamps, SphericalLamps, measure};
 use wavepath::engine::wavefront::record::Round;
 use wavepath_kernels::intersect::bvh8::Bvh8;
-use wavepath_kernels::isa::Level;
-use wavepath_kernels::light_sample::lights::kind;
+use wavepath_kernels::isa::{Level, Promise};
 use wavepath_kernels::material_sort::list;
 use wavepath_kernels::queue::{PathQueue, SHADOW_RAYS, ShadowQueue};
+use wavepath_kernels::scene::lights::Spheres;
 use wavepath_kernels::shade::emission::Emission;
 use wavepath_kernels::shade::environment::Environment;
 use wavepath_kernels::shade::materials::{
     Conductor, Dielectric, DiffuseTransmission, Lambert, Material, OrenNayar, RoughConductor, ThinDielectric,
 };
-use wavepath_kernels::shade::{Features, Kinds, Shade};
+use wavepath_kernels::shade::{Features, Shade};
 
 /// Scatters the paths of a class: all of the first round, those that have bounced of a later one.
 fn scatter<M: Material, P: Features>(c: &mut Criterion, loaded: &Loaded) {
     let class = M::CLASS;
     let level = Level::detect();
-    let requirements = loaded.plan.requirements;
+    let requirements = loaded.plan.requirements();
     let mut group = c.benchmark_group(format!("shade/{}/{}", class.name(), loaded.name));
-    for (when, round) in loaded.first_and_deep(&Bvh8::new(&loaded.scene.geometry)) {
+    for (when, round) in loaded.first_and_deep(&Bvh8::new(loaded.scene.geometry())) {
         let all = round.list(class);
         let bounced = all.partition_point(|&place| (place as usize) < round.survivors);
         let list = if when == "first" { all } else { &all[..bounced] };
@@ -59,6 +59,8 @@ fn scatter<M: Material, P: Features>(c: &mut Criterion, loaded: &Loaded) {
                             scattered,
                             shadows,
                             kernel: PhantomData,
+                            // SAFETY: a round of a render, each queue as the stage found it.
+                            promise: unsafe { Promise::new() },
                         });
                     }
                 },
@@ -86,20 +88,22 @@ fn materials(c: &mut Criterion) {
 fn light_met(c: &mut Criterion) {
     let level = Level::detect();
     let loaded = Loaded::shipped("metals");
-    let [_, (_, round)]: [(_, Round); 2] = loaded.first_and_deep(&Bvh8::new(&loaded.scene.geometry));
+    let [_, (_, round)]: [(_, Round); 2] = loaded.first_and_deep(&Bvh8::new(loaded.scene.geometry()));
     // Radiance grows from run to run; nothing depends on it.
     let mut slots = round.slots.clone();
     let mut group = c.benchmark_group(format!("shade/{}", loaded.name));
     group.throughput(Throughput::Elements(round.sorted.emitting as u64));
     group.bench_function("emission", |b| {
         b.iter(|| {
-            level.run(Emission::<Kinds<{ kind::SPHERE }>> {
+            level.run(Emission::<Spheres> {
                 scene: &loaded.scene,
                 keys: &round.order.key[..round.paths.len],
                 paths: &round.paths,
                 hits: &round.hits,
                 slots: &mut slots,
                 lights: PhantomData,
+                // SAFETY: a round of a render, each queue as the stage found it.
+                promise: unsafe { Promise::new() },
             });
         });
     });
@@ -108,10 +112,12 @@ fn light_met(c: &mut Criterion) {
     group.bench_function("environment", |b| {
         b.iter(|| {
             level.run(Environment {
-                radiance: loaded.scene.environment,
+                radiance: loaded.scene.environment(),
                 list: missed,
                 paths: &round.paths,
                 slots: &mut slots,
+                // SAFETY: a round of a render, each queue as the stage found it.
+                promise: unsafe { Promise::new() },
             });
         });
     });

@@ -15,7 +15,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let picture = Render::new(&scene)
         .spp(1 << 20)
         .on_update(|update| {
-            let error = update.error.map_or("not known yet".into(), |error| format!("{error:.1e}"));
+            let error = update.error().map_or("not known yet".into(), |error| format!("{error:.1e}"));
             println!("{} samples, {} rays, relMSE {error}", update.samples, update.rays);
             if update.elapsed < Duration::from_millis(500) {
                 ControlFlow::Continue(())

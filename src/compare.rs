@@ -19,11 +19,15 @@
 //! comparable between scenes of similar exposure only (relMSE: Rousselle, Knaus and Zwicker,
 //! "Adaptive Sampling and Reconstruction using Greedy Error Minimization", 2011).
 
+pub mod flip;
+
+use std::borrow::Cow;
 use std::fmt;
 
 use serde::Serialize;
 
-use crate::picture::Image;
+use crate::picture::{Image, Samples};
+use crate::report::Report;
 
 /// Added to `R^2` in relMSE and to the denominators of MAPE and SMAPE.
 pub use wavepath_engine::film::EPSILON;
@@ -96,27 +100,75 @@ impl fmt::Display for Extent {
 
 /// Compares `image` with `reference`.
 ///
-/// Pictures of equal size are compared pixel by pixel, wherever they lie in their frames. A cropped
-/// image is compared with the same part of a reference for the full frame.
+/// Pictures of equal size are compared pixel by pixel, wherever they lie in their frames. Of two that show a part and
+/// the whole of the same frame, the part is compared ([`align`]).
 ///
 /// # Errors
 /// [`SizeMismatch`] if neither is possible.
 pub fn compare(image: &Image, reference: &Image) -> Result<Comparison, SizeMismatch> {
-    with_aligned(image, reference, |reference| Sums::of(image, reference).comparison())
+    let (image, reference) = align(image, reference)?;
+    Ok(Sums::of(&image, &reference).comparison())
+}
+
+/// Both pictures, the larger one cut to the pixels that the other one shows: they have the same size then.
+///
+/// # Errors
+/// [`SizeMismatch`] if neither shows all that the other one shows.
+pub fn align<'a>(
+    image: &'a Image,
+    reference: &'a Image,
+) -> Result<(Cow<'a, Image>, Cow<'a, Image>), SizeMismatch> {
+    if (image.width, image.height) == (reference.width, reference.height) {
+        return Ok((Cow::Borrowed(image), Cow::Borrowed(reference)));
+    }
+    if let Some(part) = reference.crop(image.window, image.width, image.height) {
+        return Ok((Cow::Borrowed(image), Cow::Owned(part)));
+    }
+    match image.crop(reference.window, reference.width, reference.height) {
+        Some(part) => Ok((Cow::Owned(part), Cow::Borrowed(reference))),
+        None => Err(SizeMismatch { image: Extent::of(image), reference: Extent::of(reference) }),
+    }
 }
 
 /// The squared error relative to the reference, `(I - R)^2 / (R^2 + 0.01)`, averaged over the
-/// channels of each pixel; NaN for invalid pixels. Rows from top to bottom, as in `image`.
+/// channels of each pixel; NaN for invalid pixels. Rows from top to bottom, of the pixels that [`align`] leaves.
 ///
 /// # Errors
 /// As [`compare`].
 pub fn relative_error_map(image: &Image, reference: &Image) -> Result<Vec<f32>, SizeMismatch> {
-    with_aligned(image, reference, |reference| {
-        let error = |(i, r)| {
-            if is_valid(i, r) { relative_error(i, r) / 3.0 } else { f64::NAN }
-        };
-        pairs(image, reference).map(|pair| error(pair) as f32).collect()
-    })
+    let (image, reference) = align(image, reference)?;
+    let error = |(i, r)| {
+        if is_valid(i, r) { relative_error(i, r) / 3.0 } else { f64::NAN }
+    };
+    Ok(pairs(&image, &reference).map(|pair| error(pair) as f32).collect())
+}
+
+/// The relMSE that a reference has itself: from the standard error of each pixel where it has the channels that
+/// `--layers` writes, else what its report estimates, if that speaks of the whole picture. `None` if neither is known.
+///
+/// `whole` is the reference as it was read, `part` what is compared of it.
+pub fn own_relmse(whole: &Image, part: &Image) -> Option<f64> {
+    let layers = ["stderr.R", "stderr.G", "stderr.B"].map(|name| {
+        part.channels.iter().find_map(|channel| match &channel.samples {
+            Samples::Float(values) if channel.name == name => Some(values.as_slice()),
+            _ => None,
+        })
+    });
+    if let [Some(red), Some(green), Some(blue)] = layers {
+        let (mut sum, mut pixels) = (0.0, 0_u64);
+        for (pixel, colour) in part.pixels.iter().enumerate() {
+            let (r, errors) = (wide(*colour), wide([red[pixel], green[pixel], blue[pixel]]));
+            let error = (0..3).map(|c| errors[c].powi(2) / (r[c] * r[c] + EPSILON)).sum::<f64>();
+            if is_valid(r, r) && error.is_finite() {
+                sum += error;
+                pixels += 1;
+            }
+        }
+        return (pixels > 0).then(|| sum / (3 * pixels) as f64);
+    }
+    let report: Report = serde_json::from_str(whole.metadata.report.as_deref()?).ok()?;
+    let speaks_of_all = [whole, part].iter().all(|p| (p.width, p.height) == (report.width, report.height));
+    report.estimated_relmse.filter(|_| speaks_of_all)
 }
 
 /// relMSE of the averages over blocks of `size * size` pixels; partial blocks at the right and
@@ -132,7 +184,9 @@ pub fn relative_error_map(image: &Image, reference: &Image) -> Result<Vec<f32>, 
 /// If `size` is 0.
 pub fn block_relmse(image: &Image, reference: &Image, size: u32) -> Result<f64, SizeMismatch> {
     assert!(size > 0, "blocks have at least one pixel");
-    with_aligned(image, reference, |reference| {
+    let (image, reference) = align(image, reference)?;
+    let (image, reference) = (image.as_ref(), reference.as_ref());
+    Ok({
         let (mut sum, mut blocks) = (0.0, 0_u64);
         for top in (0..image.height / size).map(|row| row * size) {
             for left in (0..image.width / size).map(|column| column * size) {
@@ -167,21 +221,6 @@ fn block_means(
     }
     let mean = |sum: [f64; 3]| sum.map(|value| value / f64::from(count));
     (count > 0).then(|| (mean(sums.0), mean(sums.1)))
-}
-
-/// Calls `measure` with the part of `reference` that lies under `image`.
-fn with_aligned<T>(
-    image: &Image,
-    reference: &Image,
-    measure: impl FnOnce(&Image) -> T,
-) -> Result<T, SizeMismatch> {
-    if (image.width, image.height) == (reference.width, reference.height) {
-        return Ok(measure(reference));
-    }
-    match reference.crop(image.window, image.width, image.height) {
-        Some(part) => Ok(measure(&part)),
-        None => Err(SizeMismatch { image: Extent::of(image), reference: Extent::of(reference) }),
-    }
 }
 
 fn pairs<'a>(image: &'a Image, reference: &'a Image) -> impl Iterator<Item = ([f64; 3], [f64; 3])> + 'a {
@@ -294,7 +333,7 @@ impl fmt::Display for Comparison {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::picture::DataWindow;
+    use crate::picture::{Channel, DataWindow};
 
     fn close(value: f64, expected: f64) {
         assert!((value - expected).abs() <= 1e-12 * expected.abs().max(1.0), "{value} {expected}");
@@ -379,7 +418,24 @@ mod tests {
         let window = DataWindow { x: 2, y: 1, ..reference.window };
         let crop = reference.crop(window, 2, 3).unwrap();
         assert_eq!(compare(&crop, &reference).unwrap().mse, 0.0);
-        assert!(compare(&reference, &crop).unwrap_err().to_string().contains("at 2, 1 of 4 x 4"));
+        assert_eq!(compare(&reference, &crop).unwrap().mse, 0.0);
+        // Two parts of which neither holds the other.
+        let corner = reference.crop(reference.window, 3, 2).unwrap();
+        assert!(compare(&corner, &crop).unwrap_err().to_string().contains("at 2, 1 of 4 x 4"));
+    }
+
+    #[test]
+    fn the_references_own_error_is_what_its_layers_or_its_report_say() {
+        let mut reference = Image::new(2, 1, vec![[1.0; 3], [2.0, 0.0, 1.0]]);
+        assert_eq!(own_relmse(&reference, &reference), None);
+        for (name, values) in
+            [("stderr.R", [0.1, 0.2]), ("stderr.G", [0.0, 0.1]), ("stderr.B", [0.0, f32::NAN])]
+        {
+            reference.channels.push(Channel { name: name.into(), samples: Samples::Float(values.into()) });
+        }
+        // The second pixel is not known.
+        let own = own_relmse(&reference, &reference).unwrap();
+        assert!((own - 0.01 / 1.01 / 3.0).abs() < 1e-8, "{own}");
     }
 
     #[test]

@@ -23,6 +23,7 @@ pub fn flag() -> io::Result<Arc<AtomicBool>> {
     let raised = Arc::clone(&flag);
     ctrlc::set_handler(move || {
         if raised.swap(true, Ordering::Relaxed) {
+            crate::atomic_file::abandon();
             std::process::exit(INTERRUPTED);
         }
     })

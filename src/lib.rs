@@ -12,6 +12,7 @@
 //! | [`mod@bench`] | measures engines against each other |
 //! | [`tev`] | shows a render in a viewer while it goes on |
 //! | [`meshes`] | makes meshes by procedure |
+//! | [`memory`] | how much there is, and an orderly end where it runs out |
 //! | `cli` | the command, behind the feature of that name |
 //!
 //! The engines, their film and their plan are the crate `wavepath-engine`; queues, kernels and physics are the crate
@@ -29,7 +30,7 @@ pub mod converge;
 #[cfg(feature = "cli")]
 pub mod interrupt;
 pub mod machine;
-mod memory;
+pub mod memory;
 pub mod meshes;
 pub mod pbrt;
 pub mod picture;
@@ -39,8 +40,11 @@ pub mod render;
 pub mod report;
 pub mod scene;
 pub mod tev;
+mod time_span;
 
+pub use glam;
 pub use render::{Picture, Render, RenderError, Update};
 pub use scene::{Scene, SceneError};
 pub use wavepath_engine as engine;
 pub use wavepath_engine::{film, plan};
+pub use wavepath_kernels as kernels;

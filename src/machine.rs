@@ -1,6 +1,7 @@
 //! What the machine says of itself: its processor and the memory this process used.
 
 use std::fs;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Name of the processor: its brand string where the system tells it, else the architecture.
 pub fn cpu_name() -> String {
@@ -10,6 +11,27 @@ pub fn cpu_name() -> String {
 /// Most memory that this process has had resident so far, in bytes; `None` where only Linux tells.
 pub fn peak_memory_bytes() -> Option<u64> {
     peak_from_status(&fs::read_to_string("/proc/self/status").ok()?)
+}
+
+/// Date and time, `YYYY:MM:DD hh:mm:ss` in universal time, as OpenEXR has it; `None` if the clock is not set.
+pub fn utc_now() -> Option<String> {
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
+    Some(utc(now.as_secs()))
+}
+
+/// Seconds since 1970, without leap seconds, as date and time (Hinnant, "chrono-compatible low-level date algorithms").
+fn utc(seconds: u64) -> String {
+    let (day, second) = (seconds / 86_400 + 719_468, seconds % 86_400);
+    // Years begin in March here, so that the leap day is the last one.
+    let (era, day) = (day / 146_097, day % 146_097);
+    let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
+    let day = day - (365 * year + year / 4 - year / 100);
+    let month = (5 * day + 2) / 153;
+    let day = day - (153 * month + 2) / 5 + 1;
+    let (month, later) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
+    let year = 400 * era + year + later;
+    let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
+    format!("{year:04}:{month:02}:{day:02} {hour:02}:{minute:02}:{second:02}")
 }
 
 /// The line `VmHWM:   123456 kB` of `/proc/self/status`, in bytes.
@@ -62,6 +84,15 @@ mod tests {
     fn the_processor_has_a_printable_name() {
         let name = cpu_name();
         assert!(!name.is_empty() && !name.contains('\0') && name.trim() == name, "{name:?}");
+    }
+
+    #[test]
+    fn dates() {
+        assert_eq!(utc(0), "1970:01:01 00:00:00");
+        assert_eq!(utc(951_782_399), "2000:02:28 23:59:59");
+        assert_eq!(utc(951_868_800), "2000:03:01 00:00:00");
+        assert_eq!(utc(1_709_164_800), "2024:02:29 00:00:00");
+        assert_eq!(utc(4_102_444_799), "2099:12:31 23:59:59");
     }
 
     #[test]

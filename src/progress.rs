@@ -1,23 +1,36 @@
-//! The progress bar of a render, on the terminal behind the standard error stream.
+//! How far a render is, on the standard error stream.
 
-use std::io::{self, IsTerminal};
+use std::fmt;
+use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::report::count;
+use crate::time_span::clock;
 
 /// Steps of the bar: it shows a fraction, because a render may end by samples or by time.
 const STEPS: u64 = 1000;
 
-/// A progress bar, to be updated about ten times a second from the main thread.
+/// Where there is no terminal: time between two lines.
+const MINUTE: Duration = Duration::from_secs(60);
+
+/// A progress display, to be updated about ten times a second from the main thread.
 ///
-/// Nothing is shown with `quiet` or where standard error is no terminal. The bar vanishes when it
-/// is finished or dropped.
+/// On a terminal it is a bar, which vanishes when it is finished or dropped and never takes more than a line. Elsewhere
+/// (a file, a pipe, `TERM=dumb`) it is a line at the start, one a minute, and one at the end. Nothing is shown with
+/// `quiet`.
 pub struct Progress {
-    bar: ProgressBar,
+    display: Display,
     goal: Goal,
     start: Instant,
+}
+
+enum Display {
+    Hidden,
+    Bar(ProgressBar),
+    /// Time of the next line, since the start.
+    Lines(Duration),
 }
 
 impl Progress {
@@ -29,52 +42,96 @@ impl Progress {
         error: Option<f64>,
         quiet: bool,
     ) -> Self {
-        let visible = !quiet && io::stderr().is_terminal();
-        let target =
-            if visible { ProgressDrawTarget::stderr_with_hz(10) } else { ProgressDrawTarget::hidden() };
         let goal = Goal { total_samples, time_limit, error };
-        let bounded = total_samples.is_some() || time_limit.is_some() || error.is_some();
-        let template = if bounded { "[{bar:30}] {msg}" } else { "{spinner} {msg}" };
-        let style = ProgressStyle::with_template(template).expect("the template is valid");
-        let bar = ProgressBar::with_draw_target(bounded.then_some(STEPS), target);
-        bar.set_style(style.progress_chars("=> "));
-        Self { bar, goal, start: Instant::now() }
+        let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+        let display = if quiet {
+            Display::Hidden
+        } else if is_dumb || !io::stderr().is_terminal() {
+            tell(&format!("rendering: {goal}"));
+            Display::Lines(MINUTE)
+        } else {
+            let bounded = total_samples.is_some() || time_limit.is_some() || error.is_some();
+            // The message is cut where the terminal ends.
+            let template = if bounded { "{bar:12} {wide_msg}" } else { "{spinner} {wide_msg}" };
+            let style = ProgressStyle::with_template(template).expect("the template is valid");
+            let target = ProgressDrawTarget::stderr_with_hz(10);
+            let bar = ProgressBar::with_draw_target(bounded.then_some(STEPS), target);
+            bar.set_style(style.progress_chars("=> "));
+            Display::Bar(bar)
+        };
+        Self { display, goal, start: Instant::now() }
     }
 
-    /// Whether anyone sees it.
+    /// Whether the estimated error would be shown if it were known now.
     pub fn is_visible(&self) -> bool {
-        !self.bar.is_hidden()
+        match &self.display {
+            Display::Hidden => false,
+            Display::Bar(bar) => !bar.is_hidden(),
+            // Somewhat earlier: the first look at the error sees a part of the film only.
+            Display::Lines(next) => self.start.elapsed() + MINUTE / 6 >= *next,
+        }
     }
 
     /// Shows the state: samples and rays so far, and the estimated relMSE if it is known.
-    pub fn update(&self, samples: u64, rays: u64, error: Option<f64>) {
-        if self.bar.is_hidden() {
-            return;
-        }
+    pub fn update(&mut self, samples: u64, rays: u64, error: Option<f64>) {
         let elapsed = self.start.elapsed();
-        let fraction = self.goal.fraction(samples, elapsed, error);
-        self.bar.set_message(message(&self.goal, samples, rays, error, elapsed));
-        match fraction {
-            Some(fraction) => self.bar.set_position((fraction * STEPS as f64) as u64),
-            None => self.bar.tick(),
+        match &mut self.display {
+            Display::Bar(bar) if !bar.is_hidden() => {
+                bar.set_message(message(&self.goal, samples, rays, error, elapsed));
+                match self.goal.fraction(samples, elapsed, error) {
+                    Some(fraction) => bar.set_position((fraction * STEPS as f64) as u64),
+                    None => bar.tick(),
+                }
+            }
+            Display::Lines(next) if elapsed >= *next => {
+                *next = elapsed + MINUTE;
+                let state = message(&self.goal, samples, rays, error, elapsed);
+                tell(&format!("{}: {state}", clock(elapsed)));
+            }
+            _ => {}
         }
     }
 
-    /// Removes the bar.
-    pub fn finish(self) {}
+    /// Removes the bar, or says that the render is over.
+    pub fn finish(self) {
+        if let Display::Lines(_) = self.display {
+            tell(&format!("rendered in {}", clock(self.start.elapsed())));
+        }
+    }
 }
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        self.bar.finish_and_clear();
+        if let Display::Bar(bar) = &self.display {
+            bar.finish_and_clear();
+        }
     }
 }
 
-/// What ends a render.
+/// A line on standard error. One that cannot be written costs nothing.
+fn tell(line: &str) {
+    let _ = io::stderr().lock().write_all(format!("{line}\n").as_bytes());
+}
+
+/// What ends a render; shows as that.
 struct Goal {
     total_samples: Option<u64>,
     time_limit: Option<Duration>,
     error: Option<f64>,
+}
+
+impl fmt::Display for Goal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let samples = self.total_samples.map(|total| format!("{} samples", count(total)));
+        let time = self.time_limit.map(clock);
+        let error = self.error.map(|error| format!("a relMSE of {error:.2e}"));
+        let ends: Vec<String> = [samples, time, error].into_iter().flatten().collect();
+        if ends.is_empty() {
+            f.write_str("until it is interrupted")
+        } else {
+            f.write_str(&ends.join(", or "))
+        }
+    }
 }
 
 impl Goal {
@@ -105,33 +162,24 @@ impl Goal {
     }
 }
 
+/// What matters most comes first: a narrow terminal shows the beginning.
 fn message(goal: &Goal, samples: u64, rays: u64, error: Option<f64>, elapsed: Duration) -> String {
     let mut parts = Vec::new();
     if let Some(fraction) = goal.fraction(samples, elapsed, error) {
         parts.push(format!("{:.0} %", 100.0 * fraction));
     }
-    parts.push(format!("{} samples", count(samples)));
-    let seconds = elapsed.as_secs_f64();
-    if seconds > 0.0 {
-        parts.push(format!("{:.2} Mrays/s", rays as f64 / seconds / 1e6));
+    if let Some(left) = goal.time_left(samples, elapsed, error) {
+        parts.push(format!("{} left", clock(left)));
     }
     if let Some(error) = error {
         parts.push(format!("relMSE {error:.2e}"));
     }
-    if let Some(left) = goal.time_left(samples, elapsed, error) {
-        parts.push(format!("{} left", clock(left)));
+    let seconds = elapsed.as_secs_f64();
+    if seconds > 0.0 {
+        parts.push(format!("{:.2} Mrays/s", rays as f64 / seconds / 1e6));
     }
+    parts.push(format!("{} samples", count(samples)));
     parts.join(", ")
-}
-
-/// `12s`, `3m05s` or `2h07m`.
-fn clock(time: Duration) -> String {
-    let seconds = time.as_secs_f64().ceil() as u64;
-    match seconds {
-        0..60 => format!("{seconds}s"),
-        60..3600 => format!("{}m{:02}s", seconds / 60, seconds % 60),
-        _ => format!("{}h{:02}m", seconds / 3600, seconds / 60 % 60),
-    }
 }
 
 #[cfg(test)]
@@ -167,7 +215,7 @@ mod tests {
         assert_eq!(goal.fraction(5, SECOND, None), None);
         assert_eq!(goal.time_left(5, SECOND, None), None);
         let text = message(&goal, 2_000_000, 30_000_000, Some(0.0125), 3 * SECOND);
-        assert_eq!(text, "2.00 M samples, 10.00 Mrays/s, relMSE 1.25e-2");
+        assert_eq!(text, "relMSE 1.25e-2, 10.00 Mrays/s, 2.00 M samples");
     }
 
     #[test]
@@ -177,14 +225,24 @@ mod tests {
     }
 
     #[test]
-    fn times_are_short() {
-        let shown = [0, 59, 185, 7620].map(|seconds| clock(Duration::from_secs(seconds)));
-        assert_eq!(shown, ["0s", "59s", "3m05s", "2h07m"]);
+    fn a_narrow_terminal_shows_what_matters() {
+        let goal = Goal { total_samples: Some(1000), time_limit: None, error: None };
+        let text = message(&goal, 250, 1_000_000, Some(0.02), 100 * SECOND);
+        // 40 columns less the bar and a space.
+        assert!(text[..27].contains("25 %, 5m00s left"), "{text}");
+    }
+
+    #[test]
+    fn a_goal_is_told_in_words() {
+        let goal = Goal { total_samples: Some(2_000_000), time_limit: Some(90 * SECOND), error: Some(0.01) };
+        assert_eq!(goal.to_string(), "2.00 M samples, or 1m30s, or a relMSE of 1.00e-2");
+        let none = Goal { total_samples: None, time_limit: None, error: None };
+        assert_eq!(none.to_string(), "until it is interrupted");
     }
 
     #[test]
     fn a_quiet_bar_takes_updates() {
-        let progress = Progress::new(Some(10), Some(SECOND), None, true);
+        let mut progress = Progress::new(Some(10), Some(SECOND), None, true);
         progress.update(5, 10, Some(0.1));
         progress.finish();
     }

@@ -28,6 +28,9 @@ pub struct Report {
     pub seconds: f64,
     /// Time before that (reading, building the BVH), in seconds of wall clock.
     pub setup_seconds: f64,
+    /// The parts of that time, in seconds of wall clock; an object in JSON. Empty in reports of earlier versions.
+    #[serde(default, with = "ordered_map")]
+    pub setup_stages: Vec<(String, f64)>,
     /// Pixel samples taken.
     pub samples: u64,
     /// Rays traced.
@@ -159,14 +162,30 @@ impl fmt::Display for Report {
         row(f, "image", format_args!("{width} x {height}, {spp} spp, {sampler}, seed {seed}"))?;
         row(f, "engine", format_args!("{engine}, {threads} thread{plural}{batch}, {isa}"))?;
         row(f, "processor", cpu)?;
-        let (seconds, setup) = (seconds(self.seconds), seconds(self.setup_seconds));
-        row(f, "time", format_args!("{seconds} rendering, {setup} setup"))?;
+        row(
+            f,
+            "time",
+            format_args!("{} rendering, {} setup", seconds(self.seconds), seconds(self.setup_seconds)),
+        )?;
+        if !self.setup_stages.is_empty() {
+            let parts = self.setup_stages.iter().map(|(name, spent)| format!("{} {name}", seconds(*spent)));
+            row(f, "setup", parts.collect::<Vec<_>>().join(", "))?;
+        }
+        if let Some(reason) = &self.stopped_by {
+            row(f, "stopped by", reason)?;
+        }
         self.fmt_rates(f)?;
-        for (index, (name, share)) in self.stage_shares().into_iter().enumerate() {
+        let shares = self.stage_shares();
+        if !shares.is_empty() {
+            let all =
+                if self.threads == 1 { "one thread".into() } else { format!("{} threads", self.threads) };
+            row(f, "stages", format_args!("{:<18}  share  s, sum of {all:<11}  s, wall clock", ""))?;
+        }
+        for (index, (name, share)) in shares.into_iter().enumerate() {
             let spent = self.stages[index].1;
-            let label = if index == 0 { "stages" } else { "" };
-            let share = 100.0 * share;
-            row(f, label, format_args!("{name:<18} {share:>5.1} %  {spent:>9.3} s"))?;
+            // What the stage would have taken of the wall clock, if all threads had it at the same share.
+            let wall = share * self.seconds;
+            row(f, "", format_args!("{name:<18}  {:>4.1} %  {spent:>19.3}  {wall:>13.3}", 100.0 * share))?;
         }
         match (self.estimated_relmse, self.estimated_relmse_interval) {
             (Some(error), Some([low, high])) => {
@@ -280,6 +299,7 @@ mod tests {
             spp: 64.0,
             seconds: 2.0,
             setup_seconds: 0.25,
+            setup_stages: vec![("reading".into(), 0.125), ("tree".into(), 0.125)],
             samples: 19_660_800,
             rays: Rays { camera: 19_660_800, bounce: 60_000_000, shadow: 40_339_200 },
             stages: vec![("generate".into(), 1.0), ("a_later_one".into(), 3.0)],
@@ -363,7 +383,17 @@ mod tests {
     #[test]
     fn the_table_shows_rates_shares_and_error() {
         let table = example().to_string();
-        for part in ["640 x 480, 64 spp", "9.830 M/s", "60.000 M/s", "75.0 %", "1.250e-3", "10.0 MiB"] {
+        for part in [
+            "640 x 480, 64 spp",
+            "9.830 M/s",
+            "60.000 M/s",
+            "75.0 %",
+            "1.250e-3",
+            "10.0 MiB",
+            "sum of 2 threads",
+            "125.0 ms reading, 125.0 ms tree",
+            "stopped by        samples",
+        ] {
             assert!(table.contains(part), "{part} is missing in\n{table}");
         }
         let adaptive = Adaptive { used: true, predicted_gain: Some(1.5), least_spp: 8, most_spp: 200 };
@@ -372,6 +402,16 @@ mod tests {
         assert!(table.contains("8 to 200 spp, predicted gain 1.50"), "{table}");
         let width = table.lines().map(str::len).max().unwrap();
         assert!(width < 80, "{table}");
+    }
+
+    #[test]
+    fn reports_of_earlier_versions_are_read() {
+        let mut old: serde_json::Value = serde_json::from_str(&example().to_json()).unwrap();
+        for key in ["setup_stages", "stopped_by"] {
+            old.as_object_mut().unwrap().remove(key);
+        }
+        let report: Report = serde_json::from_value(old).unwrap();
+        assert!(report.setup_stages.is_empty() && report.stopped_by.is_none());
     }
 
     #[test]

@@ -89,7 +89,9 @@ fn json_has_the_fixed_keys_and_values() {
         near(&json["mean_ratio"][channel], expected);
     }
     assert_eq!(json["invalid_pixels"], 0);
-    assert_eq!(json.as_object().unwrap().len(), 8);
+    assert!(json["flip"].as_f64().unwrap() > 0.1);
+    assert!(json["reference_relmse"].is_null() && json["relmse_less_reference"].is_null());
+    assert_eq!(json.as_object().unwrap().len(), 11);
 }
 
 #[test]
@@ -110,8 +112,72 @@ fn a_crop_is_judged_against_the_full_reference() {
     let full = Image::new(8, 8, (0..64).map(|i| [i as f32; 3]).collect());
     let crop = full.crop(DataWindow { x: 3, y: 5, ..full.window }, 4, 2).unwrap();
     let (crop, full) = (folder.image("crop.exr", &crop), folder.image("full.exr", &full));
-    let output = compare(&crop, &full, &["--json"]);
-    assert!(stdout(&output).contains("\"mse\":0.0"), "{output:?}");
+    for (image, reference) in [(&crop, &full), (&full, &crop)] {
+        let output = compare(image, reference, &["--json"]);
+        assert!(stdout(&output).contains("\"mse\":0.0"), "{output:?}");
+    }
+}
+
+#[test]
+fn png_and_radiance_files_are_read() {
+    let folder = Folder::new("formats");
+    let exr = folder.plain("a.exr", 4, 2, [1.0, 0.25, 0.0]);
+    let png = folder.plain("a.png", 4, 2, [1.0, 0.25, 0.0]);
+    // Exponent 129 makes 128 one and 32 a quarter.
+    let pixels = [128, 32, 0, 129].repeat(8);
+    let hdr =
+        folder.file("a.hdr", &[&b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n"[..], &pixels].concat());
+    for image in [&png, &hdr] {
+        for (image, reference) in [(image, &exr), (&exr, image)] {
+            let output = compare(image, reference, &["--json"]);
+            let json: serde_json::Value = serde_json::from_str(stdout(&output)).unwrap();
+            assert!(json["relmse"].as_f64().unwrap() < 1e-4, "{json}");
+            assert!(json["flip"].as_f64().unwrap() < 0.02, "{json}");
+        }
+    }
+}
+
+#[test]
+fn a_threshold_decides_on_the_status() {
+    let folder = Folder::new("threshold");
+    let reference = folder.plain("reference.exr", 8, 8, [1.0; 3]);
+    let image = folder.plain("image.exr", 8, 8, [1.1; 3]);
+    // (0.1)^2 / 1.01 = 0.0099
+    for (limit, status) in [("0.01", 0), ("9.8e-3", 1), ("1e-6", 1)] {
+        let output = compare(&image, &reference, &["--fail-above", limit]);
+        assert_eq!(output.status.code(), Some(status), "{limit}");
+        // The figures are there in any case.
+        assert!(stdout(&output).contains("relMSE"));
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(
+            message.contains(&format!("is above {}", limit.parse::<f64>().unwrap())),
+            status == 1,
+            "{message}"
+        );
+    }
+    assert_eq!(compare(&image, &reference, &["--fail-above", "0"]).status.code(), Some(2));
+    let spoiled = folder.plain("spoiled.exr", 8, 8, [f32::NAN; 3]);
+    assert_eq!(compare(&spoiled, &reference, &["--fail-above", "1"]).status.code(), Some(1));
+}
+
+#[test]
+fn the_references_own_noise_is_subtracted() {
+    let folder = Folder::new("own-noise");
+    let mut noisy = Image::new(8, 8, vec![[1.0; 3]; 64]);
+    for name in ["stderr.R", "stderr.G", "stderr.B"] {
+        let samples = picture::Samples::Float(vec![0.05; 64]);
+        noisy.channels.push(picture::Channel { name: name.into(), samples });
+    }
+    let reference = folder.image("reference.exr", &noisy);
+    let image = folder.plain("image.exr", 8, 8, [1.1; 3]);
+    let output = compare(&image, &reference, &["--json", "--fail-above", "0.008"]);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let json: serde_json::Value = serde_json::from_str(stdout(&output)).unwrap();
+    let number = |key: &str| json[key].as_f64().unwrap();
+    assert!((number("reference_relmse") - 0.0025 / 1.01).abs() < 1e-6);
+    assert!((number("relmse") - number("reference_relmse") - number("relmse_less_reference")).abs() < 1e-12);
+    let table = compare(&image, &reference, &[]);
+    assert!(stdout(&table).contains("less the reference's own"), "{table:?}");
 }
 
 #[test]
@@ -127,6 +193,14 @@ fn the_map_is_written_in_both_formats() {
         assert_eq!(output.status.code(), Some(0), "{output:?}");
         assert!(path.exists());
     }
+    // A small map has no room for its scale; a wide one has it below.
+    assert_eq!(picture::read_any(&folder.path("map.png")).unwrap().height, 2);
+    let wide = folder.plain("wide.exr", 160, 2, [1.0; 3]);
+    let path = folder.path("wide.png");
+    let output = compare(&wide, &wide, &["--map", path.to_str().unwrap()]);
+    assert!(stdout(&output).contains("1e-4 (black) to 1e2"), "{output:?}");
+    let shown = picture::read_any(&path).unwrap();
+    assert!(shown.width == 160 && shown.height > 12);
     let map = picture::read(&folder.path("map.exr")).unwrap();
     let error = 4.0 / 1.01 / 3.0;
     assert!((map.pixel(2, 1)[0] - error).abs() < 1e-6);
@@ -162,7 +236,7 @@ fn what_is_no_image_is_refused() {
     assert_refused(&folder.file("text.exr", b"This is not a picture."), &good, "not an OpenEXR");
     assert_refused(&folder.file("empty.exr", b""), &good, "not an OpenEXR");
     assert_refused(&folder.0, &good, "not a regular file");
-    assert_refused(&folder.plain("good.png", 4, 4, [1.0; 3]), &good, "not an OpenEXR");
+    assert_refused(&folder.file("start.png", b"\x89PNG\r\n\x1a\nand no more"), &good, "cannot read image");
 }
 
 #[test]

@@ -395,6 +395,32 @@ fn lights_have_pbrts_units() {
 }
 
 #[test]
+fn goniometric_lights_have_a_pattern_around_z() {
+    let lights = world(
+        "Translate 1 2 3 Rotate 90 0 1 0\n\
+         LightSource \"goniometric\" \"string pattern\" \"batwing\" \"rgb I\" [ 1 2 3 ] \"float scale\" 2\n\
+         LightSource \"goniometric\" \"string pattern\" \"batwing\" \"float power\" 7",
+    )
+    .lights;
+    let Light::Goniometric { intensity, position, axis } = lights[0] else { panic!() };
+    assert_eq!((intensity, position), ([2.0, 4.0, 6.0], DVec3::new(1.0, 2.0, 3.0)));
+    assert!((axis - DVec3::X).length() < 1e-12);
+    // The pattern integrates to 7/8 pi.
+    let Light::Goniometric { intensity, .. } = lights[1] else { panic!() };
+    close(intensity, [8.0 / std::f64::consts::PI; 3]);
+    for (parameters, expected) in [
+        ("", "without a pattern"),
+        ("\"string pattern\" \"moth\"", "batwing"),
+        ("\"string filename\" \"lamp.exr\"", "pictures on goniometric lights"),
+    ] {
+        let text =
+            format!("Film \"rgb\" WorldBegin LightSource \"goniometric\" {parameters} Shape \"sphere\"");
+        let error = read(&text).unwrap_err().to_string();
+        assert!(error.contains(expected) && error.contains(":1:"), "{error}");
+    }
+}
+
+#[test]
 fn dark_lights_are_left_out() {
     let scene = world(
         "LightSource \"point\" \"float scale\" 0 AreaLightSource \"diffuse\" \"rgb L\" [ 0 0 0 ] Shape \"sphere\"",

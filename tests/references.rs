@@ -516,6 +516,25 @@ fn lights_without_surface_give_their_irradiance() {
             "LightSource \"distant\" \"rgb L\" [ 2 1 .5 ] \"point3 from\" [ 0 3 4 ] \"point3 to\" [ 0 0 0 ]",
             slant / PI,
         ),
+        // The batwing: an eighth of its intensity along the axis, all of it at 60 degrees, where c^3 is an eighth.
+        (
+            "batwing",
+            "Translate 0 2 0 Rotate 90 1 0 0 \
+             LightSource \"goniometric\" \"rgb I\" [ 2 1 .5 ] \"string pattern\" \"batwing\"",
+            0.25 / 8.0 / PI,
+        ),
+        (
+            "batwing at a slant",
+            "Translate 2 2 0 Rotate 90 1 0 0 \
+             LightSource \"goniometric\" \"rgb I\" [ 2 1 .5 ] \"string pattern\" \"batwing\"",
+            0.25 / 8.0 / PI,
+        ),
+        (
+            "batwing upside down",
+            "Translate 0 2 0 Rotate -90 1 0 0 \
+             LightSource \"goniometric\" \"rgb I\" [ 2 1 .5 ] \"string pattern\" \"batwing\"",
+            0.0,
+        ),
         ("sky", "LightSource \"infinite\" \"rgb L\" [ 2 1 .5 ]", 1.0),
     ] {
         for engine in ENGINES {

@@ -18,10 +18,10 @@ use wavepath::scene::{self, Mesh, Parameter, SceneDescription, SphericalLights};
 use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::isa::Level;
-use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::sampler::Sobol;
 use wavepath_kernels::scene::Scene;
-use wavepath_kernels::shade::{Features, Kinds};
+use wavepath_kernels::scene::lights::{NoLights, Spheres};
+use wavepath_kernels::shade::Features;
 
 /// Samples a pixel of the renders that are recorded: most of the scenes that ship with the project have as many. The more,
 /// the more of a packet's rays come from the same pixel.
@@ -55,7 +55,7 @@ pub fn measure<S>(bencher: &mut Bencher, state: &mut S, restore: impl Fn(&mut S)
 pub struct SphericalLamps;
 impl Features for SphericalLamps {
     type Sampler = Sobol;
-    type Lights = Kinds<{ kind::SPHERE }>;
+    type Lights = Spheres;
     type General = Self;
     type Specular = NoLamps;
 }
@@ -65,7 +65,7 @@ impl Features for SphericalLamps {
 pub struct NoLamps;
 impl Features for NoLamps {
     type Sampler = Sobol;
-    type Lights = Kinds<0>;
+    type Lights = NoLights;
     type General = Self;
     type Specular = Self;
 }
@@ -216,7 +216,7 @@ impl Loaded {
 
     /// An empty film.
     pub fn film(&self, spp: u32) -> Film {
-        Film::for_render(self.description.film.frame(), &self.scene, self.plan.requirements, Some(spp))
+        Film::for_render(self.description.film.frame(), &self.scene, self.plan.requirements(), Some(spp))
     }
 
     /// Renders and hands over each round, until `each` breaks or the image is done. Blocks of pixels come in an order that
@@ -236,16 +236,9 @@ impl Loaded {
         let stop = Stop { spp: Some(spp), time: None, interrupted: Default::default() };
         let schedule = Schedule::new(&film, 1, stop);
         let done = Done::default();
-        let job = Job {
-            scene: &self.scene,
-            plan: &self.plan,
-            film: &film,
-            schedule: &schedule,
-            seed: 1,
-            policy: Policy::Auto,
-            done: &done,
-        };
-        record(&job, tree, DEFAULT_BATCH, Level::detect(), each);
+        let job = Job::new(&self.scene, &self.plan, &film, &schedule, (1, Policy::Auto), &done)
+            .expect("all of one scene");
+        record(&job, tree, DEFAULT_BATCH, Level::detect(), each).expect("the scene's tree");
     }
 
     /// The first rounds of a render: many enough that a bench that goes through all of them, again and again, teaches

@@ -1,131 +1,17 @@
-//! Stage `generate`: camera rays. The camera, the reconstruction filter and the lens, each sampled by importance.
+//! Stage `generate`: camera rays. The reconstruction filter and the lens are sampled by importance.
 
 use crate::isa::{Isa, Kernel};
 use crate::lanes::{Mask, Real, Uint};
 use crate::math::{Vec3, uniform_disk};
 use crate::queue::{PathQueue, SAMPLE_BITS, SlotTable, place};
 use crate::sampler::{Sampler, Stream, dimension, stream_seed};
+use crate::scene::{Camera, FilterAxis};
 use core::marker::PhantomData;
 
 /// Side of a block of pixels, the unit of work and of the film.
 pub const BLOCK_SIDE: usize = 16;
 /// Pixels of a whole block.
 pub const BLOCK_PIXELS: usize = BLOCK_SIDE * BLOCK_SIDE;
-
-/// A perspective camera with a thin lens.
-#[derive(Clone, Debug)]
-pub struct Camera {
-    /// World position of the pinhole, the centre of the lens.
-    pub origin: [f32; 3],
-    /// World direction through raster point (0, 0), on the plane at camera z = 1.
-    pub corner: [f32; 3],
-    /// Change of that direction for a pixel to the right.
-    pub right: [f32; 3],
-    /// Change of that direction for a pixel down.
-    pub down: [f32; 3],
-    /// The lens, if it is not a pinhole.
-    pub lens: Option<Lens>,
-    /// The reconstruction filter.
-    pub filter: Filter,
-}
-
-/// A thin lens.
-#[derive(Clone, Copy, Debug)]
-pub struct Lens {
-    /// World vector from the centre of the lens to its rim, along camera x.
-    pub x: [f32; 3],
-    /// The same along camera y.
-    pub y: [f32; 3],
-    /// Distance of the plane in focus along camera z.
-    pub focal_distance: f32,
-}
-
-/// A separable reconstruction filter, sampled by importance: every pixel owns its samples.
-#[derive(Clone, Debug)]
-pub struct Filter {
-    /// Horizontal, vertical.
-    pub axes: [FilterAxis; 2],
-}
-
-/// One axis of a filter: its inverse cumulative distribution, tabulated.
-///
-/// Between the entries the inverse is linear, so the density is constant there. The 2048 cells are finest towards the
-/// ends: cell `k` begins at the quantile 2 t^2 for t = k / 2048 up to 1/2, and symmetrically above. With cells of
-/// equal probability the outermost thousandth of a filter that falls to zero would be spread evenly over its tail, as
-/// a halo around bright pixels.
-#[derive(Clone, Debug)]
-pub struct FilterAxis {
-    /// Offsets from the pixel's centre where the cells begin, and where the last one ends, ascending. Two: the density
-    /// is constant.
-    pub quantiles: Vec<f32>,
-    /// Distance from the centre beyond which the filter is negative; infinite if it nowhere is.
-    pub negative_beyond: f32,
-}
-
-impl FilterAxis {
-    /// Cells of the table.
-    const CELLS: usize = 2048;
-
-    /// Constant on `[-radius, radius]`.
-    pub fn constant(radius: f64) -> Self {
-        FilterAxis { quantiles: vec![-radius as f32, radius as f32], negative_beyond: f32::INFINITY }
-    }
-
-    /// The symmetric function `f` on `[-radius, radius]`; where it is negative its absolute value is sampled.
-    pub fn tabulate(radius: f64, f: impl Fn(f64) -> f64) -> Self {
-        // Cumulative sums by the midpoint rule on a grid much finer than the cells.
-        const STEPS: usize = 32 * FilterAxis::CELLS;
-        let step = 2.0 * radius / STEPS as f64;
-        let at = |k: usize| -radius + (k as f64 + 0.5) * step;
-        let mut cumulative = Vec::with_capacity(STEPS + 1);
-        cumulative.push(0.0f64);
-        for k in 0..STEPS {
-            cumulative.push(cumulative[k] + f(at(k)).abs());
-        }
-        let total = cumulative[STEPS];
-        let mut k = 0;
-        let quantiles = (0..=Self::CELLS)
-            .map(|cell| {
-                let t = cell as f64 / Self::CELLS as f64;
-                let target = total * if t <= 0.5 { 2.0 * t * t } else { 1.0 - 2.0 * (1.0 - t) * (1.0 - t) };
-                while k < STEPS - 1 && cumulative[k + 1] < target {
-                    k += 1;
-                }
-                let width = cumulative[k + 1] - cumulative[k];
-                let within =
-                    if width > 0.0 { ((target - cumulative[k]) / width).clamp(0.0, 1.0) } else { 0.0 };
-                (-radius + (k as f64 + within) * step) as f32
-            })
-            .collect();
-        let negative = (0..STEPS).map(at).filter(|&x| x >= 0.0 && f(x) < 0.0).fold(f64::INFINITY, f64::min);
-        FilterAxis { quantiles, negative_beyond: negative as f32 }
-    }
-
-    /// Offset for a uniform number in [0, 1).
-    #[inline(always)]
-    pub fn sample<F: Real>(&self, u: F) -> F {
-        if let [low, high] = self.quantiles[..] {
-            return u.mul_add(F::splat(high - low), F::splat(low));
-        }
-        // t = sqrt(u / 2) in the lower half, mirrored in the upper one.
-        let upper = u.ge(F::lit(0.5));
-        let t = (F::select(upper, F::one() - u, u) * F::lit(0.5)).sqrt();
-        let scaled = F::select(upper, F::one() - t, t) * F::splat((self.quantiles.len() - 1) as f32);
-        let cell = scaled.to_uint();
-        // SAFETY: u < 1 by at least 2^-24, so t < 1 by at least 2^-13, and the cell and the entry behind it exist.
-        let (low, high) = unsafe {
-            (F::gather(&self.quantiles, cell), F::gather(&self.quantiles, cell + F::Uint::splat(1)))
-        };
-        (scaled - F::from_uint(cell)).mul_add(high - low, low)
-    }
-}
-
-impl Filter {
-    /// Are there weights of -1?
-    pub fn has_negative_lobes(&self) -> bool {
-        self.axes.iter().any(|a| a.negative_beyond.is_finite())
-    }
-}
 
 /// A camera ray.
 #[derive(Clone, Copy)]
@@ -147,24 +33,24 @@ pub fn camera_ray<F: Real, S: Sampler>(
     y: F::Uint,
 ) -> CameraRay<F> {
     let [u, v] = S::two::<F>(stream, F::Uint::splat(dimension::FILTER));
-    let [horizontal, vertical] = &camera.filter.axes;
+    let [horizontal, vertical] = camera.filter().axes();
     let (dx, dy) = (horizontal.sample(u), vertical.sample(v));
     let half = F::lit(0.5);
     let raster_x = F::from_uint(x) + (half + dx);
     let raster_y = F::from_uint(y) + (half + dy);
-    let through = Vec3::<F>::splat(camera.down)
-        .mul_add(raster_y, Vec3::splat(camera.right).mul_add(raster_x, Vec3::splat(camera.corner)));
-    let mut origin = Vec3::splat(camera.origin);
+    let through = Vec3::<F>::splat(camera.down())
+        .mul_add(raster_y, Vec3::splat(camera.right()).mul_add(raster_x, Vec3::splat(camera.corner())));
+    let mut origin = Vec3::splat(camera.origin());
     let mut direction = through;
-    if let Some(lens) = &camera.lens {
+    if let Some(lens) = camera.lens() {
         let (lx, ly) = uniform_disk(S::two::<F>(stream, F::Uint::splat(dimension::LENS)));
         let on_lens = Vec3::<F>::splat(lens.x).scale(lx) + Vec3::splat(lens.y).scale(ly);
         origin = origin + on_lens;
         direction = through.scale(F::splat(lens.focal_distance)) - on_lens;
     }
-    let weight = if camera.filter.has_negative_lobes() {
+    let weight = if camera.filter().has_negative_lobes() {
         let sign = |offset: F, axis: &FilterAxis| {
-            F::select(offset.abs().gt(F::splat(axis.negative_beyond)), F::lit(-1.0), F::one())
+            F::select(offset.abs().gt(F::splat(axis.negative_beyond())), F::lit(-1.0), F::one())
         };
         sign(dx, horizontal) * sign(dy, vertical)
     } else {
@@ -180,10 +66,8 @@ pub struct PixelBlock {
     pub x: u32,
     /// See `x`.
     pub y: u32,
-    /// Columns of each pixel in the order of generation.
-    pub columns: Vec<u32>,
-    /// Rows of each pixel in the order of generation.
-    pub rows: Vec<u32>,
+    columns: Vec<u32>,
+    rows: Vec<u32>,
 }
 
 impl PixelBlock {
@@ -204,6 +88,16 @@ impl PixelBlock {
     /// How many pixels.
     pub fn pixels(&self) -> usize {
         self.columns.len()
+    }
+    /// Column of each pixel in the order of generation.
+    #[inline(always)]
+    pub fn columns(&self) -> &[u32] {
+        &self.columns
+    }
+    /// Row of each pixel in the order of generation.
+    #[inline(always)]
+    pub fn rows(&self) -> &[u32] {
+        &self.rows
     }
 }
 
@@ -232,6 +126,8 @@ pub struct Batch<'a> {
 }
 
 /// The kernel: starts one path for each of `free`.
+///
+/// Panics if the unit has fewer paths, more than 16 samples a pixel or none, or if a queue is too small.
 pub struct Generate<'a, S> {
     /// Camera.
     pub camera: &'a Camera,
@@ -265,7 +161,9 @@ fn generate<F: Real, S: Sampler>(
 ) {
     static NUMBERS: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
     let samples = batch.samples as usize;
-    debug_assert!((1..=1 << SAMPLE_BITS).contains(&samples));
+    // What the multiplication below is exact for.
+    assert!((1..=1 << SAMPLE_BITS).contains(&samples), "{samples} samples of a pixel");
+    assert!((batch.first + free.len()).div_ceil(samples) <= batch.block.pixels(), "more paths than samples");
     // `k / samples` for the `k` that occur, as a multiplication: rounded up, it is exact up to 2^16 / samples.
     let per_sample = F::Uint::splat((1u32 << 16).div_ceil(batch.samples));
     let weights = !slots.filter_weight.is_empty();
@@ -280,7 +178,7 @@ fn generate<F: Real, S: Sampler>(
         let pixel = F::Uint::splat((path / samples) as u32) + turn;
         let sample = offset - turn * F::Uint::splat(batch.samples);
         let active = F::Mask::first(count);
-        // SAFETY: pixels of the block; other lanes take the first one.
+        // SAFETY: pixels of the block, which has as many columns as rows; other lanes take the first one.
         let (x, y) = unsafe {
             let pixel = F::Uint::select(active, pixel, F::Uint::splat(0));
             (F::Uint::gather(&batch.block.columns, pixel), F::Uint::gather(&batch.block.rows, pixel))

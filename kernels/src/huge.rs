@@ -1,13 +1,13 @@
 //! Arrays in huge pages: trees that are larger than the cache miss the translation of addresses as often as the data.
 
 use bytemuck::Pod;
-use core::ops::Deref;
+use core::ops::{Deref, DerefMut};
 use memmap2::MmapMut;
 
 /// From this size on (bytes) huge pages are asked for: the size of one on x86-64.
 const HUGE: usize = 2 << 20;
 
-/// An array that does not change, in huge pages where it is large and the system has them.
+/// An array of fixed size, in huge pages where it is large and the system has them.
 #[derive(Debug)]
 pub enum HugeArray<T> {
     /// Small, or there are none.
@@ -21,18 +21,19 @@ pub enum HugeArray<T> {
     },
 }
 
-impl<T: Pod> From<Vec<T>> for HugeArray<T> {
-    fn from(items: Vec<T>) -> Self {
-        let bytes: &[u8] = bytemuck::cast_slice(&items);
-        if bytes.len() < HUGE || align_of::<T>() > 4096 {
-            return HugeArray::Small(items);
+impl<T: Pod> HugeArray<T> {
+    /// `len` zeros.
+    pub fn zeroed(len: usize) -> Self {
+        let small = || HugeArray::Small(vec![T::zeroed(); len]);
+        let bytes = len.saturating_mul(size_of::<T>());
+        if bytes < HUGE || align_of::<T>() > 4096 {
+            return small();
         }
-        let Ok(mut pages) = MmapMut::map_anon(bytes.len()) else { return HugeArray::Small(items) };
+        let Ok(pages) = MmapMut::map_anon(bytes) else { return small() };
         // A wish: without huge pages the array works as well.
         #[cfg(target_os = "linux")]
         let _ = pages.advise(memmap2::Advice::HugePage);
-        pages[..bytes.len()].copy_from_slice(bytes);
-        HugeArray::Mapped { len: items.len(), pages }
+        HugeArray::Mapped { len, pages }
     }
 }
 
@@ -43,9 +44,21 @@ impl<T: Pod> Deref for HugeArray<T> {
         match self {
             HugeArray::Small(items) => items,
             HugeArray::Mapped { pages, len } => {
-                // SAFETY: the pages hold `len` elements, copied there from such elements, and begin on the boundary
+                // SAFETY: the pages hold `len` elements, of a type that may hold any bits, and begin on the boundary
                 // of a page, which is a multiple of the alignment.
                 unsafe { core::slice::from_raw_parts(pages.as_ptr().cast(), *len) }
+            }
+        }
+    }
+}
+
+impl<T: Pod> DerefMut for HugeArray<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        match self {
+            HugeArray::Small(items) => items,
+            HugeArray::Mapped { pages, len } => {
+                // SAFETY: as above, and the pages are borrowed as a whole.
+                unsafe { core::slice::from_raw_parts_mut(pages.as_mut_ptr().cast(), *len) }
             }
         }
     }
@@ -59,7 +72,9 @@ mod tests {
     fn holds_what_it_was_given() {
         for n in [0usize, 1, 1000, 300_001, 1 << 20] {
             let items: Vec<u64> = (0..n as u64).map(|i| i * i).collect();
-            let array = HugeArray::from(items.clone());
+            let mut array = HugeArray::<u64>::zeroed(n);
+            assert!(array.iter().all(|&item| item == 0));
+            array.copy_from_slice(&items);
             assert_eq!(*array, items[..]);
             assert_eq!(matches!(array, HugeArray::Mapped { .. }), 8 * n >= HUGE);
         }

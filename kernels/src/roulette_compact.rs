@@ -1,6 +1,6 @@
 //! Stage `roulette_compact`: Russian roulette, and the compaction of the survivors.
 
-use crate::isa::{Isa, Kernel};
+use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Mask, Real, Uint};
 use crate::math::Rgb;
 use crate::queue::{OrderLists, PathQueue, SLOT_BITS, SlotTable};
@@ -47,6 +47,9 @@ pub fn roulette<F: Real, S: Sampler>(
 
 /// The kernel: plays for all paths of a queue and packs the survivors to its front. Slots of the others join the
 /// free ones, whose number it returns; above [`SLOT_BITS`] they tell how many rays the path had after the first one.
+///
+/// Promise: the queues are as long as their `new` made them; the slots in the whole column of `paths`, those behind its
+/// end included, are below the capacity of `slots`, and hold places of units that have an entry in `first_sample`.
 pub struct RouletteCompact<'a, S> {
     /// Paths; packed in place.
     pub paths: &'a mut PathQueue,
@@ -60,6 +63,8 @@ pub struct RouletteCompact<'a, S> {
     pub free: usize,
     /// Random numbers.
     pub sampler: PhantomData<S>,
+    /// See there.
+    pub promise: Promise,
 }
 
 impl<S: Sampler> Kernel for RouletteCompact<'_, S> {

@@ -1,8 +1,25 @@
 //! The tables that the kernels read: geometry, materials, lights. Flat arrays of `f32` and `u32`, indexed by
 //! primitive, material and light; built once, never written while rendering.
 
-use crate::generate::Camera;
+mod camera;
+mod error;
+mod filter;
+mod geometry;
+pub mod lights;
+pub(crate) mod rows;
+pub mod shapes;
+
+pub use camera::{Camera, CameraParts, Lens};
+pub use error::BuildError;
+pub use filter::{Filter, FilterAxis};
+pub use geometry::{Geometry, GeometryParts};
+pub use rows::NoRow;
+
 pub use crate::shade::materials::{MaterialClass, MaterialHandle, MaterialTable};
+
+use crate::queue::MAX_DEPTH;
+use core::sync::atomic::{AtomicU64, Ordering};
+use error::{exists, not_negative};
 
 /// What a primitive is made of, in 32 bits: class (6 bits), emitting or not (1 bit), and the number of its light if it
 /// emits, the row of its material otherwise (25 bits).
@@ -52,106 +69,9 @@ impl PrimitiveTag {
 /// No primitive: the ray left the scene.
 pub const MISS: u32 = u32::MAX;
 
-/// A clipped or stretched sphere, or a disk: intersected in object space, one at a time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Quadric {
-    /// World to object space, three rows of four.
-    pub object_from_world: [[f32; 4]; 3],
-    /// Origin of object space in the world.
-    pub centre: [f32; 3],
-    /// Which surface, and how it is clipped.
-    pub form: QuadricForm,
-    /// Negates the normal.
-    pub flip_normal: bool,
-}
-
-/// Object-space surfaces. Angles in radians.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum QuadricForm {
-    /// Around the origin; z in `[z_min, z_max]`, azimuth up to `phi_max`.
-    Sphere {
-        /// Radius.
-        radius: f32,
-        /// Lowest z.
-        z_min: f32,
-        /// Highest z.
-        z_max: f32,
-        /// Largest azimuth.
-        phi_max: f32,
-    },
-    /// In the plane z = `height`; distance from the axis in `[inner_radius, radius]`, azimuth up to `phi_max`.
-    Disk {
-        /// Height.
-        height: f32,
-        /// Outer radius.
-        radius: f32,
-        /// Inner radius.
-        inner_radius: f32,
-        /// Largest azimuth.
-        phi_max: f32,
-    },
-}
-
-/// All primitives. Their numbers run over triangles, then spheres, then quadrics.
-#[derive(Clone, Debug, Default)]
-pub struct Geometry {
-    /// World-space vertices.
-    pub vertices: Vec<[f32; 3]>,
-    /// Three vertex numbers a triangle.
-    pub triangles: Vec<[u32; 3]>,
-    /// The first so many triangles have vertex normals.
-    pub smooth_triangles: usize,
-    /// Vertex normals, three numbers each.
-    pub normals: Vec<f32>,
-    /// For each of the smooth triangles three places in `normals` (the number of the normal, not of its first float).
-    pub triangle_normals: Vec<u32>,
-    /// Spheres: centre and radius; a negative radius turns the normal inwards.
-    pub spheres: Vec<[f32; 4]>,
-    /// Clipped and stretched spheres, disks.
-    pub quadrics: Vec<Quadric>,
-    /// Four numbers a primitive, whatever it is. Triangle: unit geometric normal and its product with any vertex.
-    /// Sphere: centre and signed radius. Quadric: unused.
-    pub surfaces: Vec<f32>,
-    /// [`PrimitiveTag`] of each primitive.
-    pub tags: Vec<u32>,
-}
-
-impl Geometry {
-    /// How many primitives.
-    pub fn primitives(&self) -> usize {
-        self.triangles.len() + self.spheres.len() + self.quadrics.len()
-    }
-    /// Number of the first sphere.
-    #[inline(always)]
-    pub fn first_sphere(&self) -> u32 {
-        self.triangles.len() as u32
-    }
-    /// Number of the first quadric.
-    #[inline(always)]
-    pub fn first_quadric(&self) -> u32 {
-        (self.triangles.len() + self.spheres.len()) as u32
-    }
-    /// Corners of a triangle.
-    #[inline(always)]
-    pub fn corners(&self, triangle: usize) -> [[f32; 3]; 3] {
-        self.triangles[triangle].map(|v| self.vertices[v as usize])
-    }
-    /// Bytes on the heap, without the tree.
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.vertices[..])
-            + size_of_val(&self.triangles[..])
-            + size_of_val(&self.normals[..])
-            + size_of_val(&self.triangle_normals[..])
-            + size_of_val(&self.spheres[..])
-            + size_of_val(&self.quadrics[..])
-            + size_of_val(&self.surfaces[..])
-            + size_of_val(&self.tags[..])
-    }
-}
-
-/// Everything a kernel reads.
+/// What a [`Scene`] is made of.
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct SceneParts {
     /// Where rays start.
     pub camera: Camera,
     /// Primitives.
@@ -159,17 +79,98 @@ pub struct Scene {
     /// Material parameters.
     pub materials: MaterialTable,
     /// Lights with a place, and emitting surfaces.
-    pub lights: crate::light_sample::LightTable,
+    pub lights: lights::LightTable,
     /// Radiance of the sky, the same in all directions.
     pub environment: [f32; 3],
-    /// Longest path, in scattering vertices.
+    /// Longest path, in scattering vertices, at most [`MAX_DEPTH`].
     pub max_depth: u32,
 }
 
+/// Everything a kernel reads. Whatever refers to something refers to what exists: kernels rely on it.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    parts: SceneParts,
+    id: SceneId,
+}
+
+/// Tells scenes apart: what is made for one of them, as a plan or a tree, is not for another. Copies of a scene have the
+/// same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SceneId(u64);
+
 impl Scene {
+    /// Checks that the parts go together.
+    ///
+    /// # Errors
+    /// [`BuildError`] names the first thing that is wrong.
+    pub fn new(parts: SceneParts) -> Result<Self, BuildError> {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        let SceneParts { geometry, materials, lights, .. } = &parts;
+        let mut before = None;
+        for (id, &tag) in geometry.tags().iter().enumerate() {
+            // Most primitives are like the one before.
+            if before.replace(tag) == Some(tag) {
+                continue;
+            }
+            let tag = PrimitiveTag(tag);
+            let class = tag.class() as usize;
+            exists("primitive", id, "material class", class, MaterialClass::COUNT)?;
+            let mut row = tag.0 & PrimitiveTag::ID_MASK;
+            if tag.emits() {
+                exists("primitive", id, "light", row as usize, lights.len())?;
+                row = lights.material_of(row as usize);
+            }
+            if !materials.contains(MaterialHandle { class: MaterialClass::ALL[class], row }) {
+                return Err(BuildError::NoMaterial {
+                    primitive: id,
+                    class: MaterialClass::ALL[class].name(),
+                    row,
+                });
+            }
+        }
+        not_negative("sky", 0, "its radiance", &parts.environment)?;
+        if parts.max_depth > MAX_DEPTH {
+            let (found, limit) = (parts.max_depth as usize, MAX_DEPTH as usize);
+            return Err(BuildError::TooMany { what: "bounces", found, limit });
+        }
+        Ok(Scene { parts, id: SceneId(NEXT.fetch_add(1, Ordering::Relaxed)) })
+    }
+    /// Tells it from others.
+    pub fn id(&self) -> SceneId {
+        self.id
+    }
+    /// Where rays start.
+    #[inline(always)]
+    pub fn camera(&self) -> &Camera {
+        &self.parts.camera
+    }
+    /// Primitives.
+    #[inline(always)]
+    pub fn geometry(&self) -> &Geometry {
+        &self.parts.geometry
+    }
+    /// Material parameters.
+    #[inline(always)]
+    pub fn materials(&self) -> &MaterialTable {
+        &self.parts.materials
+    }
+    /// Lights with a place, and emitting surfaces.
+    #[inline(always)]
+    pub fn lights(&self) -> &lights::LightTable {
+        &self.parts.lights
+    }
+    /// Radiance of the sky, the same in all directions.
+    #[inline(always)]
+    pub fn environment(&self) -> [f32; 3] {
+        self.parts.environment
+    }
+    /// Longest path, in scattering vertices.
+    #[inline(always)]
+    pub fn max_depth(&self) -> u32 {
+        self.parts.max_depth
+    }
     /// Largest component of any light's radiance or intensity, the sky's included; 0 without lights.
     pub fn brightest(&self) -> f32 {
-        let lights = self.lights.rows.chunks(crate::light_sample::LightTable::STRIDE);
-        lights.flat_map(|row| &row[..3]).chain(&self.environment).fold(0.0, |a, &b| a.max(b))
+        self.environment().into_iter().fold(self.lights().brightest(), f32::max)
     }
 }

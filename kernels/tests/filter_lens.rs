@@ -4,9 +4,10 @@ mod statistics;
 
 use core::num::Wrapping;
 use statistics::{Random, add, assert_distributed, cross, dot, length, narrow, normalize, scale, sub, wide};
-use wavepath_kernels::generate::{Camera, CameraRay, Filter, FilterAxis, Lens, camera_ray};
+use wavepath_kernels::generate::{CameraRay, camera_ray};
 use wavepath_kernels::lanes::Uint;
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol, Stream};
+use wavepath_kernels::scene::{Camera, CameraParts, Filter, FilterAxis, Lens};
 
 const BINS: usize = 100;
 const SAMPLES: usize = 200_000;
@@ -60,7 +61,7 @@ fn assert_filter(what: &str, axis: &FilterAxis, radius: f64, f: impl Fn(f64) -> 
         observed[(((x + radius) / width) as usize).min(BINS - 1)] += 1;
         // The sign that goes with the sample is that of the filter.
         if (f(x).abs()) > 1e-6 {
-            assert_eq!(x.abs() > axis.negative_beyond as f64, f(x) < 0.0, "{what}: sign at {x}");
+            assert_eq!(x.abs() > axis.negative_beyond() as f64, f(x) < 0.0, "{what}: sign at {x}");
         }
     }
     assert_distributed(what, &observed, &expected, 8);
@@ -75,8 +76,8 @@ fn assert_filter(what: &str, axis: &FilterAxis, radius: f64, f: impl Fn(f64) -> 
         sum += (fine(x) + 4.0 * fine(x + 0.5 * h) + fine(x + h)) / 6.0;
         cells.push(sum);
     }
-    let entries = axis.quantiles.len() - 1;
-    for (k, &quantile) in axis.quantiles.iter().enumerate() {
+    let entries = axis.quantiles().len() - 1;
+    for (k, &quantile) in axis.quantiles().iter().enumerate() {
         let at = ((quantile as f64 + radius) / h).clamp(0.0, grid as f64 - 1e-9);
         let cell = at as usize;
         let cumulative = (cells[cell] + (at - cell as f64) * (cells[cell + 1] - cells[cell])) / sum;
@@ -92,7 +93,7 @@ fn assert_filter(what: &str, axis: &FilterAxis, radius: f64, f: impl Fn(f64) -> 
         );
     }
     // Symmetric, ascending, to both ends.
-    assert!(axis.quantiles.is_sorted());
+    assert!(axis.quantiles().is_sorted());
     let (first, last) = (axis.sample(0.0f32), axis.sample(1.0 - f32::EPSILON / 2.0));
     assert!(first == -radius as f32 && last <= radius as f32 && last > 0.3 * radius as f32);
 }
@@ -106,15 +107,15 @@ fn filters_are_sampled_as_they_are() {
         assert_filter("triangle", &FilterAxis::tabulate(radius, triangle), radius, triangle);
         let axis = FilterAxis::tabulate(radius, mitchell(radius));
         assert!(
-            (axis.negative_beyond as f64 - 0.5 * radius * 1.144).abs() < 0.05,
+            (axis.negative_beyond() as f64 - 0.5 * radius * 1.144).abs() < 0.05,
             "{}",
-            axis.negative_beyond
+            axis.negative_beyond()
         );
         assert_filter("mitchell", &axis, radius, mitchell(radius));
     }
     for (radius, sigma) in [(1.5, 0.5), (3.0, 0.3)] {
         let axis = FilterAxis::tabulate(radius, gaussian(radius, sigma));
-        assert_eq!(axis.negative_beyond, f32::INFINITY);
+        assert_eq!(axis.negative_beyond(), f32::INFINITY);
         assert_filter("gaussian", &axis, radius, gaussian(radius, sigma));
     }
 }
@@ -162,7 +163,7 @@ impl View {
     }
     fn camera(&self, lens: Option<(f64, f64)>, filter: FilterAxis) -> Camera {
         let corner = self.through(0.0, 0.0);
-        Camera {
+        Camera::new(CameraParts {
             origin: narrow(self.position),
             corner: narrow(corner),
             right: narrow(sub(self.through(1.0, 0.0), corner)),
@@ -172,8 +173,9 @@ impl View {
                 y: narrow(scale(self.axes[1], radius)),
                 focal_distance: focal_distance as f32,
             }),
-            filter: Filter { axes: [filter.clone(), filter] },
-        }
+            filter: Filter::new([filter.clone(), filter]).unwrap(),
+        })
+        .unwrap()
     }
 }
 
@@ -254,7 +256,7 @@ fn negative_lobes_weigh_minus_one() {
     let view = View::new([0.0, 0.0, -5.0], [0.0; 3]);
     let axis = FilterAxis::tabulate(2.0, mitchell(2.0));
     let camera = view.camera(None, axis.clone());
-    assert!(camera.filter.has_negative_lobes());
+    assert!(camera.filter().has_negative_lobes());
     // The mean weight is the integral of the filter over that of its absolute value.
     let f = mitchell(2.0);
     let at = |k: usize| -2.0 + 4.0 * (k as f64 + 0.5) / 1e5;

@@ -16,7 +16,8 @@ use wavepath_kernels::lanes::Real;
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::math::Vec3;
 use wavepath_kernels::queue::{HitQueue, PathQueue, Requirements, ShadowQueue, SlotTable};
-use wavepath_kernels::scene::{Geometry, MISS, Quadric, QuadricForm};
+use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
+use wavepath_kernels::scene::{Geometry, GeometryParts, MISS};
 use wavepath_kernels::shade::surface::Surface;
 
 type Triangle = [[f32; 3]; 3];
@@ -26,20 +27,22 @@ const EPSILON: f64 = f32::EPSILON as f64;
 
 /// Tables of some primitives, without materials.
 fn geometry(triangles: &[Triangle], spheres: &[[f32; 4]], quadrics: &[Quadric]) -> Geometry {
-    let mut g = Geometry { spheres: spheres.to_vec(), quadrics: quadrics.to_vec(), ..Geometry::default() };
+    let mut g = GeometryParts {
+        spheres: spheres.to_vec(),
+        quadrics: quadrics.to_vec(),
+        tags: vec![0; triangles.len() + spheres.len() + quadrics.len()],
+        ..GeometryParts::default()
+    };
     for corners in triangles {
         let first = g.vertices.len() as u32;
         g.vertices.extend(corners);
         g.triangles.push([first, first + 1, first + 2]);
         let [a, b, c] = corners.map(wide);
         let n = normalize(cross(sub(b, a), sub(c, a)));
-        g.surfaces.extend(narrow(n));
-        g.surfaces.push(dot(n, a) as f32);
+        let [x, y, z] = narrow(n);
+        g.planes.push([x, y, z, dot(n, a) as f32]);
     }
-    spheres.iter().for_each(|s| g.surfaces.extend(s));
-    quadrics.iter().for_each(|_| g.surfaces.extend([0.0; 4]));
-    g.tags = vec![0; g.primitives()];
-    g
+    Geometry::new(g).unwrap()
 }
 
 fn brute_force(g: &Geometry, (origin, direction): Ray, t_max: f32) -> Hit {
@@ -382,28 +385,31 @@ fn quadric(form: QuadricForm, columns: [[f64; 3]; 3], centre: [f64; 3]) -> Quadr
         matrix3: glam::DMat3::from_cols_array_2d(&columns),
         translation: glam::DVec3::from_array(centre),
     };
-    let inverse = world.inverse();
-    Quadric {
-        object_from_world: core::array::from_fn(|r| {
-            core::array::from_fn(|c| {
-                (if c < 3 { inverse.matrix3.col(c)[r] } else { inverse.translation[r] }) as f32
-            })
-        }),
-        centre: narrow(centre),
-        form,
-        flip_normal: false,
+    Quadric::new(form, &world, false).unwrap()
+}
+
+/// World to object space as quadrics keep it, three rows of four.
+fn object_from_world(columns: [[f64; 3]; 3], centre: [f64; 3]) -> [[f64; 4]; 3] {
+    let inverse = glam::DAffine3 {
+        matrix3: glam::DMat3::from_cols_array_2d(&columns),
+        translation: glam::DVec3::from_array(centre),
     }
+    .inverse();
+    let at = |r: usize, c: usize| if c < 3 { inverse.matrix3.col(c)[r] } else { inverse.translation[r] };
+    core::array::from_fn(|r| core::array::from_fn(|c| at(r, c) as f32 as f64))
 }
 
 #[test]
 fn quadrics_are_what_they_say() {
     let mut random = Random::new(6);
     let forms = [
-        QuadricForm::Sphere { radius: 1.0, z_min: -1.0, z_max: 1.0, phi_max: 7.0 },
-        QuadricForm::Sphere { radius: 2.0, z_min: -0.5, z_max: 1.5, phi_max: 7.0 },
-        QuadricForm::Sphere { radius: 1.5, z_min: -1.5, z_max: 1.5, phi_max: 2.0 },
-        QuadricForm::Disk { height: 0.5, radius: 1.0, inner_radius: 0.0, phi_max: 7.0 },
-        QuadricForm::Disk { height: -0.3, radius: 2.0, inner_radius: 1.0, phi_max: 4.0 },
+        QuadricForm::Sphere(SpherePart { radius: 1.0, z_min: -1.0, z_max: 1.0, phi_max: 7.0 }),
+        QuadricForm::Sphere(SpherePart { radius: 2.0, z_min: -0.5, z_max: 1.5, phi_max: 7.0 }),
+        QuadricForm::Sphere(SpherePart { radius: 1.5, z_min: -1.5, z_max: 1.5, phi_max: 2.0 }),
+        QuadricForm::Disk(Disk { height: 0.5, radius: 1.0, inner_radius: 0.0, phi_max: 7.0 }),
+        QuadricForm::Disk(Disk { height: -0.3, radius: 2.0, inner_radius: 1.0, phi_max: 4.0 }),
+        QuadricForm::Cylinder(Cylinder { radius: 1.0, z_min: -1.0, z_max: 1.5, phi_max: 7.0 }),
+        QuadricForm::Cylinder(Cylinder { radius: 0.7, z_min: 0.5, z_max: 2.0, phi_max: 4.5 }),
     ];
     let (mut hits, mut misses) = (0, 0);
     for round in 0..40_000 {
@@ -412,11 +418,12 @@ fn quadrics_are_what_they_say() {
         let [s, t] = tangents(n);
         let stretch = [0; 3].map(|_| random.magnitude(0.3, 3.0));
         let centre = random.point(5.0);
-        let q = quadric(form, [scale(s, stretch[0]), scale(t, stretch[1]), scale(n, stretch[2])], centre);
+        let columns = [scale(s, stretch[0]), scale(t, stretch[1]), scale(n, stretch[2])];
+        let q = quadric(form, columns, centre);
         let ray = ray(random.point(12.0), add(centre, random.point(2.0)));
         // March along the ray in object space: the first place where the implicit function changes sign on the
         // part that is left.
-        let m = q.object_from_world.map(|row| row.map(f64::from));
+        let m = object_from_world(columns, centre);
         let object = |p: [f64; 3], w: f64| -> [f64; 3] {
             core::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + w * m[i][3])
         };
@@ -424,20 +431,24 @@ fn quadrics_are_what_they_say() {
         let at = |t: f64| add(o, scale(d, t));
         let azimuth = |p: [f64; 3]| p[1].atan2(p[0]).rem_euclid(core::f64::consts::TAU);
         let value = |t: f64| match form {
-            QuadricForm::Sphere { radius, .. } => length(at(t)) - radius as f64,
-            QuadricForm::Disk { height, .. } => at(t)[2] - height as f64,
+            QuadricForm::Sphere(sphere) => length(at(t)) - sphere.radius as f64,
+            QuadricForm::Disk(disk) => at(t)[2] - disk.height as f64,
+            QuadricForm::Cylinder(cylinder) => at(t)[0].hypot(at(t)[1]) - cylinder.radius as f64,
         };
         // Signed distance from the edges of the clipped part: positive inside.
         let part = |p: [f64; 3]| match form {
-            QuadricForm::Sphere { radius, z_min, z_max, phi_max } => {
+            QuadricForm::Sphere(SpherePart { radius, z_min, z_max, phi_max }) => {
                 let unclipped = z_min <= -radius && z_max >= radius;
                 let z = if unclipped { 1.0 } else { (p[2] - z_min as f64).min(z_max as f64 - p[2]) };
                 z.min(phi_max as f64 - azimuth(p))
             }
-            QuadricForm::Disk { radius, inner_radius, phi_max, .. } => {
+            QuadricForm::Disk(Disk { radius, inner_radius, phi_max, .. }) => {
                 let r = p[0].hypot(p[1]);
                 let inner = if inner_radius > 0.0 { r - inner_radius as f64 } else { 1.0 };
                 (radius as f64 - r).min(inner).min(phi_max as f64 - azimuth(p))
+            }
+            QuadricForm::Cylinder(Cylinder { z_min, z_max, phi_max, .. }) => {
+                (p[2] - z_min as f64).min(z_max as f64 - p[2]).min(phi_max as f64 - azimuth(p))
             }
         };
         const STEPS: usize = 4000;
@@ -460,8 +471,16 @@ fn quadrics_are_what_they_say() {
             before = now;
         }
         // Grazing rays that cross twice within a step.
-        if let QuadricForm::Sphere { radius, .. } = form {
-            let closest = length(at(-dot(o, d) / dot(d, d)));
+        let flat = |p: [f64; 3]| [p[0], p[1], 0.0];
+        let closest = match form {
+            QuadricForm::Sphere(sphere) => Some((length(at(-dot(o, d) / dot(d, d))), sphere.radius)),
+            QuadricForm::Cylinder(cylinder) => {
+                let nearest = at(-dot(flat(o), flat(d)) / dot(flat(d), flat(d)));
+                Some((length(flat(nearest)), cylinder.radius))
+            }
+            QuadricForm::Disk(_) => None,
+        };
+        if let Some((closest, radius)) = closest {
             doubtful |= (closest - radius as f64).abs() < 0.02 * radius as f64;
         }
         if doubtful {
@@ -505,17 +524,22 @@ fn rays_that_leave_a_surface_do_not_meet_it_again() {
         let n = random.direction();
         let [s, t] = tangents(n);
         let disk = quadric(
-            QuadricForm::Disk { height: 0.0, radius: 1.0, inner_radius: 0.0, phi_max: 7.0 },
+            QuadricForm::Disk(Disk { height: 0.0, radius: 1.0, inner_radius: 0.0, phi_max: 7.0 }),
             [s, t, n].map(|a| scale(a, size)),
             centre,
         );
         let ball = quadric(
-            QuadricForm::Sphere { radius: 1.0, z_min: -1.0, z_max: 0.5, phi_max: 7.0 },
+            QuadricForm::Sphere(SpherePart { radius: 1.0, z_min: -1.0, z_max: 0.5, phi_max: 7.0 }),
             [s, t, scale(n, 0.5)].map(|a| scale(a, size)),
             centre,
         );
-        let g = geometry(&[triangle], &[sphere], &[disk, ball]);
-        for primitive in 0..4u32 {
+        let tube = quadric(
+            QuadricForm::Cylinder(Cylinder { radius: 1.0, z_min: -1.0, z_max: 0.5, phi_max: 7.0 }),
+            [s, t, scale(n, 0.5)].map(|a| scale(a, size)),
+            centre,
+        );
+        let g = geometry(&[triangle], &[sphere], &[disk, ball, tube]);
+        for primitive in 0..5u32 {
             let target = match primitive {
                 0 => inside(&mut random, &triangle),
                 1 => add(centre, scale(random.direction(), size)),
@@ -567,14 +591,14 @@ fn rays_that_leave_a_surface_do_not_meet_it_again() {
                             again.t
                         );
                     }
-                } else if primitive == 3 && cos < 0.0 {
-                    // The far side of a dented ball, or nothing where it is cut off; but not the place it left.
+                } else if primitive >= 3 && cos < 0.0 {
+                    // The far side of a dented ball or a tube, or nothing where it is cut off; but not the place it left.
                     if cos < -1e-2 && again.primitive != MISS {
                         assert!(
                             again.t as f64 > 1e-4 * size,
                             "{} after leaving {:?}",
                             again.t,
-                            g.quadrics[1]
+                            g.quadrics()[primitive as usize - 2]
                         );
                     }
                 } else {
@@ -852,10 +876,10 @@ fn mixed_primitives() {
         .map(|i| {
             let n = random.direction();
             let [s, t] = tangents(n);
-            let form = if i % 2 == 0 {
-                QuadricForm::Disk { height: 0.1, radius: 1.0, inner_radius: 0.3, phi_max: 5.0 }
-            } else {
-                QuadricForm::Sphere { radius: 1.0, z_min: -0.7, z_max: 0.8, phi_max: 4.0 }
+            let form = match i % 3 {
+                0 => QuadricForm::Disk(Disk { height: 0.1, radius: 1.0, inner_radius: 0.3, phi_max: 5.0 }),
+                1 => QuadricForm::Sphere(SpherePart { radius: 1.0, z_min: -0.7, z_max: 0.8, phi_max: 4.0 }),
+                _ => QuadricForm::Cylinder(Cylinder { radius: 0.6, z_min: -0.7, z_max: 1.1, phi_max: 5.0 }),
             };
             quadric(form, [s, t, scale(n, random.between(0.3, 2.0))], random.point(10.0))
         })
@@ -947,7 +971,7 @@ fn empty_and_single() {
     assert_eq!(assert_trees_agree("triangle", &geometry(&[one], &[], &[]), &[down])[0].t, 5.0);
     let sphere = geometry(&[], &[[0.0, 0.0, 0.0, 1.0]], &[]);
     assert_eq!(assert_trees_agree("sphere", &sphere, &[down])[0].t, 4.0);
-    let form = QuadricForm::Disk { height: 0.0, radius: 1.0, inner_radius: 0.0, phi_max: 7.0 };
+    let form = QuadricForm::Disk(Disk { height: 0.0, radius: 1.0, inner_radius: 0.0, phi_max: 7.0 });
     let disk = quadric(form, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3]);
     assert_eq!(assert_trees_agree("disk", &geometry(&[], &[], &[disk]), &[down])[0].t, 5.0);
     for g in [geometry(&[one], &[], &[]), sphere] {
@@ -976,4 +1000,38 @@ fn nested_shells_make_no_stack_overflow() {
     let g = geometry(&triangles, &[], &[]);
     let mut random = Random::new(16);
     assert_trees_agree("nested", &g, &random_rays(&mut random, 100, 2.0));
+}
+
+#[test]
+fn regular_things_in_large_numbers_make_shallow_trees() {
+    // What a builder that pairs neighbours takes steps by the square of the number for.
+    let n = 200_000;
+    let down = |x: f64, y: f64, z: f64| ray([x, y, z + 5.0], [x, y, z]);
+    type Place = fn(f32) -> Triangle;
+    let cases: [(&str, Place, [Ray; 2]); 3] = [
+        (
+            "row",
+            |x| [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0]],
+            [down(1_000.25, 0.25, 0.0), down(199_999.25, 0.25, 0.0)],
+        ),
+        (
+            "stack",
+            |x| [[0.0, 0.0, x], [100.0, 0.0, x], [0.0, 100.0, x]],
+            [down(10.0, 10.0, 200_000.0), down(25.0, 70.0, 100.0)],
+        ),
+        (
+            "concentric",
+            |x| [[-1.0 - x, -1.0 - x, 1.0 + x], [1.0 + x, -1.0 - x, 1.0 + x], [-1.0 - x, 1.0 + x, -1.0 - x]],
+            [down(0.0, -0.5, 5.0), down(-3.0, -5.0, 100.0)],
+        ),
+    ];
+    for (what, place, rays) in cases {
+        let triangles: Vec<Triangle> = (0..n).map(|i| place(i as f32)).collect();
+        let g = geometry(&triangles, &[], &[]);
+        let hits = assert_trees_agree(what, &g, &rays);
+        assert!(hits.iter().all(|hit| hit.primitive != MISS), "{what}");
+        // Seven siblings wait at each level, of which there are at most one for each of the binary tree.
+        let stack = Bvh8::new(&g).stack().lanes.len();
+        assert!(stack <= 8 * (3 * 17 + 25), "{what}: {stack}");
+    }
 }

@@ -10,20 +10,23 @@ use statistics::{
     Around, Mean, Random, add, assert_distributed, cross, dot, length, narrow, normalize, scale, sub,
     tangents, wide,
 };
-use wavepath_kernels::generate::{Camera, Filter, FilterAxis};
 use wavepath_kernels::intersect::triangle::ShearedRay;
 use wavepath_kernels::intersect::{Hit, sphere, test_triangle};
 use wavepath_kernels::lanes::{Real, Uint};
-use wavepath_kernels::light_sample::LightTable;
-use wavepath_kernels::light_sample::lights::{self, LightRow, choose, kind};
 use wavepath_kernels::math::{Rgb, Vec3};
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol, Stream, stream_seed};
-use wavepath_kernels::scene::{Geometry, MaterialTable, Scene};
+use wavepath_kernels::scene::lights::{
+    self, AllLights, DistantRow, Emitter, FlatRow, GoniometricRow, LightKind, LightKinds, LightList,
+    LightRow, LightTable, NoLights, PointRow, SphereRow, Spheres, WithLights, goniometric, kind, with_lights,
+};
+use wavepath_kernels::scene::{
+    BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, MaterialTable, NoRow, Scene, SceneParts,
+};
 use wavepath_kernels::shade::bsdf::Bsdf;
 use wavepath_kernels::shade::emission::emitted;
 use wavepath_kernels::shade::materials::{Lambert, Material, RoughConductor};
 use wavepath_kernels::shade::surface::Surface;
-use wavepath_kernels::shade::{Features, Kinds, Vertex, scatter};
+use wavepath_kernels::shade::{Features, Vertex, scatter};
 
 /// One lane, single or double precision.
 trait Scalar: Real<Mask = bool, Uint = Wrapping<u32>> + Into<f64> {}
@@ -53,6 +56,17 @@ use Shape::{Disk, Sphere, SphereArea, Triangle};
 
 const RADIANCE: [f32; 3] = [2.0, 1.0, 0.5];
 
+const EMITTER: Emitter = Emitter { radiance: RADIANCE, two_sided: false, material: 0, power: 1.0 };
+
+/// The table of some lights.
+fn table_of(lights: impl IntoIterator<Item = (Emitter, lights::Light)>) -> LightTable {
+    let mut list = LightList::default();
+    for (emitter, light) in lights {
+        list.push(emitter, light);
+    }
+    LightTable::new(list).unwrap()
+}
+
 struct Light {
     shape: Shape,
     two_sided: bool,
@@ -69,36 +83,28 @@ struct Sample {
 
 impl Light {
     fn new(shape: Shape, two_sided: bool) -> Self {
-        let mut table = LightTable::default();
-        let mut row = [0.0f32; LightTable::STRIDE];
-        row[..3].copy_from_slice(&RADIANCE);
-        row[4] = two_sided as u8 as f32;
-        let kind = match shape {
-            Sphere(c, r) | SphereArea(c, r) => {
-                row[5..8].copy_from_slice(&c);
-                row[8] = r;
-                if let Sphere(..) = shape { kind::SPHERE } else { kind::SPHERE_AREA }
-            }
-            Triangle(p, a, b) | Disk(p, a, b) => {
-                row[5..8].copy_from_slice(&p);
-                row[8..11].copy_from_slice(&a);
-                row[11..14].copy_from_slice(&b);
-                let parallelogram = length(cross(wide(a), wide(b)));
-                let flat = matches!(shape, Triangle(..));
-                row[14] = (parallelogram * if flat { 0.5 } else { PI }) as f32;
-                if flat { kind::TRIANGLE } else { kind::DISK }
+        let light = match shape {
+            Sphere(centre, radius) => lights::Light::Sphere(SphereRow { centre, radius }),
+            SphereArea(centre, radius) => lights::Light::SphereArea(SphereRow { centre, radius }),
+            Triangle(corner, first, second) | Disk(corner, first, second) => {
+                let parallelogram = length(cross(wide(first), wide(second)));
+                let row =
+                    |share: f64| FlatRow { corner, first, second, area: (parallelogram * share) as f32 };
+                match shape {
+                    Triangle(..) => lights::Light::Triangle(row(0.5)),
+                    _ => lights::Light::Disk(row(PI)),
+                }
             }
         };
-        table.push(kind, row, 0);
-        table.choose_by_power(&[1.0]);
+        let table = table_of([(Emitter { two_sided, ..EMITTER }, light)]);
         Light { shape, two_sided, table }
     }
     fn row<F: Real>(&self) -> LightRow<'_, F> {
         // SAFETY: the table has one light.
-        unsafe { LightRow::new(&self.table, F::Uint::splat(0)) }
+        unsafe { self.table.row(F::Uint::splat(0)) }
     }
     fn sample<F: Scalar>(&self, origin: [f64; 3], u: [f64; 2]) -> Sample {
-        let s = lights::sample::<F, { kind::ALL }>(&self.row(), lanes(origin), u.map(F::lit));
+        let s = lights::sample::<F, AllLights>(&self.row(), lanes(origin), u.map(F::lit));
         assert!(!s.delta);
         Sample {
             direction: array(s.direction),
@@ -145,8 +151,7 @@ impl Light {
     fn density<F: Scalar>(&self, origin: [f64; 3], d: [f64; 3]) -> f64 {
         match self.meet(origin, d) {
             Some((t, n)) if self.two_sided || dot(n, d) < 0.0 => {
-                lights::pdf::<F, { kind::ALL }>(&self.row(), lanes(origin), lanes(d), F::lit(t), lanes(n))
-                    .into()
+                lights::pdf::<F, AllLights>(&self.row(), lanes(origin), lanes(d), F::lit(t), lanes(n)).into()
             }
             _ => 0.0,
         }
@@ -486,30 +491,22 @@ fn shadow_rays_stop_short_of_the_light_and_not_long_before() {
 
 #[test]
 fn lights_without_extent() {
-    let push = |kind: u32, numbers: [f32; 10]| {
-        let mut row = [0.0; LightTable::STRIDE];
-        row[..3].copy_from_slice(&RADIANCE);
-        row[5..].copy_from_slice(&numbers);
-        let mut table = LightTable::default();
-        table.push(kind, row, 0);
-        table.choose_by_power(&[1.0]);
-        table
-    };
     let sample = |table: &LightTable, origin: [f64; 3]| {
         // SAFETY: the table has one light.
-        let row = unsafe { LightRow::<f32>::new(table, Wrapping(0)) };
-        let s = lights::sample::<f32, { kind::ALL }>(&row, lanes(origin), [0.3, 0.6]);
+        let row = unsafe { table.row::<f32>(Wrapping(0)) };
+        let s = lights::sample::<f32, AllLights>(&row, lanes(origin), [0.3, 0.6]);
         assert!(s.delta && s.pdf == 1.0);
         s
     };
     let mut random = Random::new(7);
     let position = [1.0f32, -2.0, 3.0];
-    let point = push(kind::POINT, [1.0, -2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let point = table_of([(EMITTER, lights::Light::Point(PointRow { position, ..PointRow::default() }))]);
     let axis = narrow(normalize([0.2, 0.5, -0.8]));
     let (start, end) = (30f64.to_radians().cos(), 45f64.to_radians().cos());
     let spot = |start: f64, end: f64| {
-        let [x, y, z] = position;
-        push(kind::SPOT, [x, y, z, axis[0], axis[1], axis[2], start as f32, end as f32, 0.0, 0.0])
+        let (cos_falloff_start, cos_total_width) = (start as f32, end as f32);
+        let row = PointRow { position, axis, cos_falloff_start, cos_total_width };
+        table_of([(EMITTER, lights::Light::Spot(row))])
     };
     let (soft, sharp) = (spot(start, end), spot(end, end));
     for _ in 0..5_000 {
@@ -536,24 +533,28 @@ fn lights_without_extent() {
         }
     }
     assert!(!sample(&point, wide(position)).valid, "at the point light itself");
-    let distant = push(kind::DISTANT, [0.6, 0.0, 0.8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let distant = table_of([(EMITTER, lights::Light::Distant(DistantRow { direction: [0.6, 0.0, 0.8] }))]);
     let s = sample(&distant, [5.0, 6.0, 7.0]);
     assert!(s.valid && s.distance == f32::INFINITY && s.direction.lane(0) == [0.6, 0.0, 0.8]);
     assert_eq!(s.radiance.lane(0), RADIANCE);
 }
 
 fn lights_of_power(power: &[f64]) -> LightTable {
-    let mut table = LightTable::default();
-    for _ in power {
-        table.push(kind::POINT, [0.0; LightTable::STRIDE], 0);
-    }
-    table.choose_by_power(power);
-    table
+    table_of(
+        power.iter().map(|&power| (Emitter { power, ..EMITTER }, lights::Light::Point(PointRow::default()))),
+    )
 }
 
 fn probability(table: &LightTable, light: usize) -> f64 {
     // SAFETY: callers name lights of the table.
-    unsafe { LightRow::<f32>::new(table, Wrapping(light as u32)) }.probability() as f64
+    unsafe { table.row::<f32>(Wrapping(light as u32)) }.probability() as f64
+}
+
+/// The light that these bits choose.
+fn chosen(table: &LightTable, bits: Wrapping<u32>) -> usize {
+    assert!(!table.is_empty());
+    // SAFETY: there is a light.
+    unsafe { table.choose(bits) }.0 as usize
 }
 
 /// How many of the 2^32 values of the bits choose each light: counted by bisection, as an entry of the alias table
@@ -561,7 +562,7 @@ fn probability(table: &LightTable, light: usize) -> f64 {
 fn census(table: &LightTable) -> Vec<u64> {
     let n = table.len() as u64;
     let mut counts = vec![0u64; table.len()];
-    let chosen = |bits: u64| choose::<f32>(table, Wrapping(bits as u32)).0 as usize;
+    let chosen = |bits: u64| chosen(table, Wrapping(bits as u32));
     for entry in 0..n {
         let (begin, end) = ((entry << 32).div_ceil(n), ((entry + 1) << 32).div_ceil(n));
         let first = chosen(begin);
@@ -623,7 +624,7 @@ fn lights_are_chosen_with_their_probability() {
         let mut observed = vec![0; power.len()];
         for index in 0..100_000 {
             let stream = Stream { seed: stream_seed(1, Wrapping(index), 0), index: Wrapping(0) };
-            observed[choose::<f32>(&table, Independent::bits(stream, Wrapping(4))).0 as usize] += 1;
+            observed[chosen(&table, Independent::bits(stream, Wrapping(4)))] += 1;
         }
         let expected: Vec<f64> = (0..power.len()).map(|i| 1e5 * probability(&table, i)).collect();
         assert_distributed(what, &observed, &expected, 9);
@@ -632,11 +633,12 @@ fn lights_are_chosen_with_their_probability() {
 
 #[test]
 fn lights_that_cannot_be_sampled_are_not_chosen() {
-    let mut table = LightTable::default();
-    table.push(kind::UNSAMPLED, [0.0; LightTable::STRIDE], 0);
-    table.push(kind::SPHERE, [0.0; LightTable::STRIDE], 0);
     for power in [[5.0, 1.0], [5.0, 0.0], [0.0, 0.0], [f64::NAN, f64::INFINITY]] {
-        table.choose_by_power(&power);
+        let [chance, sampled] = power.map(|power| Emitter { power, ..EMITTER });
+        let table = table_of([
+            (chance, lights::Light::Unsampled(NoRow)),
+            (sampled, lights::Light::Sphere(SphereRow::default())),
+        ]);
         assert_eq!(census(&table), [0, 1 << 32]);
         assert_eq!((probability(&table, 0), probability(&table, 1)), (0.0, 1.0));
     }
@@ -645,32 +647,34 @@ fn lights_that_cannot_be_sampled_are_not_chosen() {
 // -------------------------------------------------------------------------- both strategies, by the path step
 
 #[derive(Clone, Copy)]
-struct Plan<const LIGHTS: u32, S>(PhantomData<S>);
-impl<const LIGHTS: u32, S: Sampler> Features for Plan<LIGHTS, S> {
+struct Plan<L, S>(PhantomData<(L, S)>);
+impl<L: LightKinds, S: Sampler> Features for Plan<L, S> {
     type Sampler = S;
-    type Lights = Kinds<LIGHTS>;
+    type Lights = L;
     type General = Self;
     type Specular = Self;
 }
 
 fn scene_of(light: &Light, materials: MaterialTable) -> Scene {
     let axis = || FilterAxis::constant(0.5);
-    let camera = Camera {
+    let camera = Camera::new(CameraParts {
         origin: [0.0; 3],
         corner: [0.0, 0.0, 1.0],
         right: [1.0, 0.0, 0.0],
         down: [0.0, 1.0, 0.0],
         lens: None,
-        filter: Filter { axes: [axis(), axis()] },
-    };
-    Scene {
+        filter: Filter::new([axis(), axis()]).unwrap(),
+    })
+    .unwrap();
+    Scene::new(SceneParts {
         camera,
         geometry: Geometry::default(),
         materials,
         lights: light.table.clone(),
         environment: [0.0; 3],
         max_depth: 5,
-    }
+    })
+    .unwrap()
 }
 
 /// Light that a surface at the origin, seen from `wo`, reflects from one light: shadow ray and scattered ray of the
@@ -680,7 +684,7 @@ fn reflected<M: Material, P: Features>(light: &Light, material: M, wo: [f64; 3])
     let handle = materials.add(&material).unwrap();
     let scene = scene_of(light, materials);
     // SAFETY: the table has this material.
-    let bsdf = M::bsdf::<f32>(unsafe { scene.materials.evaluate::<M, f32>(Wrapping(handle.row)) });
+    let bsdf = M::bsdf::<f32>(unsafe { scene.materials().evaluate::<M, f32>(Wrapping(handle.row)) });
     let up = Vec3::new(0.0, 0.0, 1.0);
     // A size of 0: rays start at the origin itself, so that analytic values are exact.
     let surface = Surface { point: Vec3::zero(), normal: up, shading_normal: up, size: 0.0f32 };
@@ -739,10 +743,9 @@ fn a_sphere_around_everything_is_left_to_the_bsdf() {
             let shines = radius < 0.0 || two_sided;
             let want = if shines { 0.5 * RADIANCE[0] as f64 } else { 0.0 };
             let what = format!("Lambert at {origin:?} within radius {radius}, two-sided {two_sided}");
-            reflected::<Lambert, Plan<{ kind::ALL }, Independent>>(&light, grey, wo)
+            reflected::<Lambert, Plan<AllLights, Independent>>(&light, grey, wo)
                 .assert_near(&what, want, 1e-6);
-            reflected::<Lambert, Plan<{ kind::SPHERE }, Sobol>>(&light, grey, wo)
-                .assert_near(&what, want, 1e-6);
+            reflected::<Lambert, Plan<Spheres, Sobol>>(&light, grey, wo).assert_near(&what, want, 1e-6);
         }
     }
 }
@@ -776,17 +779,16 @@ fn both_strategies_together_are_unbiased() {
         };
         let want = quadrature(&|d| 0.5 / PI * d[2]);
         let what = format!("Lambert under {shape:?}");
-        let lambert = |light: &Light| reflected::<Lambert, Plan<{ kind::ALL }, Independent>>(light, grey, wo);
+        let lambert = |light: &Light| reflected::<Lambert, Plan<AllLights, Independent>>(light, grey, wo);
         lambert(&light).assert_near(&what, want, 2e-4);
-        reflected::<Lambert, Plan<{ kind::ALL }, Sobol>>(&light, grey, wo).assert_near(&what, want, 2e-4);
+        reflected::<Lambert, Plan<AllLights, Sobol>>(&light, grey, wo).assert_near(&what, want, 2e-4);
         if let Sphere(..) = shape {
             // As scenes with nothing but such spheres are rendered, and by area.
-            reflected::<Lambert, Plan<{ kind::SPHERE }, Sobol>>(&light, grey, wo)
-                .assert_near(&what, want, 2e-4);
+            reflected::<Lambert, Plan<Spheres, Sobol>>(&light, grey, wo).assert_near(&what, want, 2e-4);
             lambert(&Light::new(by_area(shape), two_sided)).assert_near(&format!("{what}, area"), want, 2e-4);
         }
         // Without light sampling: the same, more noise.
-        let alone = reflected::<Lambert, Plan<0, Independent>>(&light, grey, wo);
+        let alone = reflected::<Lambert, Plan<NoLights, Independent>>(&light, grey, wo);
         if want > 0.01 {
             alone.assert_near(&format!("{what}, BSDF alone"), want, 2e-4);
         }
@@ -798,8 +800,123 @@ fn both_strategies_together_are_unbiased() {
             let oracle =
                 RoughConductor::bsdf::<f64>(unsafe { table.evaluate::<RoughConductor, f64>(Wrapping(row)) });
             let want = quadrature(&|d| oracle.eval(lanes(wo), lanes(d)).r);
-            let got = reflected::<RoughConductor, Plan<{ kind::ALL }, Independent>>(&light, rough, wo);
+            let got = reflected::<RoughConductor, Plan<AllLights, Independent>>(&light, rough, wo);
             got.assert_near(&format!("rough conductor {alpha} under {shape:?}"), want, 1e-3);
         }
     }
+}
+
+// -------------------------------------------------------------------------- the table of kinds
+
+#[test]
+fn kinds_have_bits_and_names_of_their_own() {
+    let mut all = 0;
+    for (k, one) in LightKind::ALL.into_iter().enumerate() {
+        assert_eq!(one.bit().count_ones(), 1);
+        assert_eq!(all & one.bit(), 0);
+        all |= one.bit();
+        assert!(LightKind::ALL[..k].iter().all(|other| other.name() != one.name()));
+    }
+    assert_eq!(all, kind::ALL);
+    assert_eq!(kind::ALL & !kind::SAMPLED, kind::UNSAMPLED);
+    let points = kind::POINT | kind::SPOT | kind::GONIOMETRIC | kind::DISTANT;
+    assert_eq!(kind::ALL & !kind::SURFACES, points);
+}
+
+#[test]
+fn engines_get_the_smallest_set_that_holds_all_kinds() {
+    struct Set;
+    impl WithLights for Set {
+        type Output = u32;
+        fn run<L: LightKinds>(self) -> u32 {
+            assert_eq!(L::KINDS & !<L::General as LightKinds>::KINDS, 0, "the general set holds less");
+            L::KINDS
+        }
+    }
+    assert_eq!(with_lights(0, Set), 0);
+    assert_eq!(with_lights(kind::SPHERE, Set), kind::SPHERE);
+    for kind in LightKind::ALL.into_iter().filter(|&k| k != LightKind::Sphere) {
+        assert_eq!(with_lights(kind.bit(), Set), kind::ALL);
+        assert_eq!(with_lights(kind.bit() | kind::SPHERE, Set), kind::ALL);
+    }
+    // Bits of no kind.
+    assert_eq!(with_lights(u32::MAX, Set), kind::ALL);
+}
+
+#[test]
+fn what_is_no_light_is_refused() {
+    let error = |emitter: Emitter, light: lights::Light| {
+        let mut list = LightList::default();
+        list.push(EMITTER, lights::Light::Point(PointRow::default()));
+        list.push(emitter, light);
+        match LightTable::new(list) {
+            Err(BuildError::Number { of: "light", id: 1, what }) => what,
+            other => panic!("{other:?}"),
+        }
+    };
+    let point = lights::Light::Point(PointRow::default());
+    for bad in [f32::NAN, f32::INFINITY, -1.0] {
+        error(Emitter { radiance: [0.0, bad, 0.0], ..EMITTER }, point);
+    }
+    for bad in [f32::NAN, f32::NEG_INFINITY] {
+        error(EMITTER, lights::Light::Sphere(SphereRow { centre: [0.0; 3], radius: bad }));
+        error(EMITTER, lights::Light::Distant(DistantRow { direction: [0.0, bad, 1.0] }));
+    }
+    // Powers that are no numbers count for nothing.
+    let table = lights_of_power(&[f64::NAN, 1.0, f64::INFINITY, -1.0]);
+    assert_eq!(census(&table), [0, 1 << 32, 0, 0]);
+}
+
+// -------------------------------------------------------------------------- goniometric
+
+/// The batwing: brightest at 60 degrees, dark behind; and its integral over directions.
+#[test]
+fn the_batwing_has_its_shape_and_its_integral() {
+    let at = |degrees: f64| goniometric::pattern::<f64>(degrees.to_radians().cos());
+    assert!((at(0.0) - 0.125).abs() < 1e-12 && (at(60.0) - 1.0).abs() < 1e-12);
+    assert_eq!((at(91.0), at(180.0), goniometric::pattern::<f32>(0.0)), (0.0, 0.0, 0.0));
+    // Continuous, and never above 1.
+    let mut last = at(0.0);
+    for k in 1..=1800 {
+        let next = at(k as f64 / 10.0);
+        assert!((next - last).abs() < 7e-3 && (0.0..=1.0 + 1e-12).contains(&next));
+        last = next;
+    }
+    const N: usize = 1_000_000;
+    let mean: f64 =
+        (0..N).map(|k| goniometric::pattern::<f64>(2.0 * (k as f64 + 0.5) / N as f64 - 1.0)).sum::<f64>()
+            / N as f64;
+    assert!((4.0 * PI * mean / goniometric::INTEGRAL - 1.0).abs() < 1e-9);
+}
+
+/// On a plane across the axis all points within 60 degrees get as much light.
+#[test]
+fn the_batwing_lights_a_plane_evenly() {
+    let height = 2.5f32;
+    let axis = [0.0, 0.0, -1.0];
+    let row = GoniometricRow { position: [1.0, -2.0, height], axis };
+    let table = table_of([(EMITTER, lights::Light::Goniometric(row))]);
+    // SAFETY: the table has one light.
+    let light = unsafe { table.row::<f32>(Wrapping(0)) };
+    let mut random = Random::new(77);
+    for _ in 0..10_000 {
+        let origin = wide(narrow([20.0 * random.unit() - 10.0, 20.0 * random.unit() - 10.0, 0.0]));
+        let s = lights::sample::<f32, AllLights>(&light, lanes(origin), [0.3, 0.6]);
+        let across = length([origin[0] - 1.0, origin[1] + 2.0, 0.0]);
+        let degrees = (across / height as f64).atan().to_degrees();
+        assert!(s.delta && s.pdf == 1.0 && s.valid);
+        let irradiance = s.radiance.r as f64 * array(s.direction)[2];
+        let even = RADIANCE[0] as f64 / 8.0 / (height as f64).powi(2);
+        if degrees < 59.99 {
+            assert!((irradiance / even - 1.0).abs() < 2e-6, "{irradiance} at {degrees} degrees, not {even}");
+        } else if degrees > 60.01 {
+            assert!(irradiance < even);
+        }
+        assert!((s.distance as f64) < across.hypot(height as f64));
+    }
+    // Behind it there is none.
+    let s = lights::sample::<f32, AllLights>(&light, lanes([1.0, 0.0, 4.0]), [0.3, 0.6]);
+    assert!(!s.valid);
+    // Nor at the light itself.
+    assert!(!lights::sample::<f32, AllLights>(&light, lanes([1.0, -2.0, 2.5]), [0.3, 0.6]).valid);
 }

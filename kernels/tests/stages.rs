@@ -5,15 +5,17 @@ mod statistics;
 use core::marker::PhantomData;
 use statistics::{Mean, Random};
 use std::collections::HashSet;
-use wavepath_kernels::generate::{Batch, Camera, Filter, FilterAxis, Generate, PixelBlock};
-use wavepath_kernels::isa::Level;
+use wavepath_kernels::generate::{Batch, Generate, PixelBlock};
+use wavepath_kernels::isa::{Level, Promise};
 use wavepath_kernels::material_sort::{EMITS, LISTS, MaterialSort, list};
 use wavepath_kernels::queue::{
     HitQueue, OrderLists, PathQueue, Requirements, SLOT_BITS, SlotTable, place, unit_and_pixel,
 };
 use wavepath_kernels::roulette_compact::{FIRST_ROULETTE, RouletteCompact};
 use wavepath_kernels::sampler::{Sobol, stream_seed};
-use wavepath_kernels::scene::{MISS, MaterialClass, MaterialHandle, PrimitiveTag};
+use wavepath_kernels::scene::{
+    Camera, CameraParts, Filter, FilterAxis, MISS, MaterialClass, MaterialHandle, PrimitiveTag,
+};
 
 fn all() -> Requirements {
     Requirements { transmission: true, smooth_normals: true, light_sampling: true, filter_weights: true }
@@ -126,6 +128,8 @@ fn roulette_packs_the_survivors_and_accounts_for_all_slots() {
                     order: &mut order,
                     free: already,
                     sampler: PhantomData,
+                    // SAFETY: slots are below the capacity, and name unit 0.
+                    promise: unsafe { Promise::new() },
                 });
                 assert!(order.list[..already].iter().all(|&s| s == u32::MAX), "earlier entries stay");
                 let slot_mask = (1 << SLOT_BITS) - 1;
@@ -200,6 +204,8 @@ fn roulette_keeps_the_expectation() {
             order: &mut order,
             free: 0,
             sampler: PhantomData,
+            // SAFETY: slots are below the capacity, and name unit 0.
+            promise: unsafe { Promise::new() },
         });
         lived.add(paths.len as f64 / n as f64);
         for (mean, column) in
@@ -237,6 +243,8 @@ fn throughput_that_is_not_finite_ends_and_is_made_known() {
                 order: &mut order,
                 free: 0,
                 sampler: PhantomData,
+                // SAFETY: slots are below the capacity, and name unit 0.
+                promise: unsafe { Promise::new() },
             });
             assert_eq!((finished, paths.len, order.list[0]), (1, 19, slot));
             for s in 0..20 {
@@ -249,14 +257,15 @@ fn throughput_that_is_not_finite_ends_and_is_made_known() {
 #[test]
 fn generate_starts_every_sample_of_every_pixel_once() {
     let axis = || FilterAxis::constant(0.5);
-    let camera = Camera {
+    let camera = Camera::new(CameraParts {
         origin: [1.0, 2.0, 3.0],
         corner: [-1.0, 1.0, 1.0],
         right: [0.01, 0.0, 0.0],
         down: [0.0, -0.01, 0.0],
         lens: None,
-        filter: Filter { axes: [axis(), axis()] },
-    };
+        filter: Filter::new([axis(), axis()]).unwrap(),
+    })
+    .unwrap();
     for (width, height) in [(16, 16), (1, 1), (1, 16), (16, 3), (7, 5), (13, 16), (3, 1), (6, 2)] {
         for samples in [1, 2, 3, 4, 12, 16] {
             let first_sample = [40; 78];
@@ -299,7 +308,7 @@ fn generate_starts_every_sample_of_every_pixel_once() {
                         // SAFETY: the slot is in the table, and its unit has a first sample.
                         let stream = unsafe { slots.stream(&first_sample, core::num::Wrapping(slot)) };
                         assert!(seen.insert((pixel, stream.index.0)), "pixel {pixel} twice");
-                        let (x, y) = (32 + block.columns[pixel], 48 + block.rows[pixel]);
+                        let (x, y) = (32 + block.columns()[pixel], 48 + block.rows()[pixel]);
                         let seed = stream_seed(9, core::num::Wrapping(y * 100 + x), 2).0;
                         assert_eq!(slots.seed[s], seed);
                         assert_eq!([slots.radiance_r[s], slots.radiance_g[s], slots.radiance_b[s]], [0.0; 3]);
@@ -328,7 +337,7 @@ fn generate_starts_every_sample_of_every_pixel_once() {
                 }
                 let want = (0..block.pixels()).flat_map(|p| (40..40 + samples as u32).map(move |s| (p, s)));
                 assert_eq!(seen, want.collect());
-                let places: HashSet<_> = block.columns.iter().zip(&block.rows).collect();
+                let places: HashSet<_> = block.columns().iter().zip(block.rows()).collect();
                 assert_eq!(places.len(), width * height);
             }
         }

@@ -92,7 +92,7 @@ impl<'a> Subject<'a> {
     }
     /// Number of primitives.
     pub fn primitives(&self) -> usize {
-        self.scene.tables().geometry.primitives()
+        self.scene.tables().geometry().primitives()
     }
     /// Bytes of the wavefront's tree.
     pub fn tree_bytes(&self) -> usize {

@@ -45,7 +45,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         let subject = Subject::new(path.display().to_string(), &scene);
         let said = |what: &str| {
             if !args.json {
-                eprintln!("{}: {what}", path.display());
+                output::note(format_args!("{}: {what}", path.display()));
             }
         };
         figures.scenes.push(bench::measure(&subject, effort, said));
@@ -74,7 +74,7 @@ fn shipped(args: &BenchArgs) -> Result<Vec<PathBuf>, Failure> {
             continue;
         }
         if !args.json {
-            eprintln!("making {}", file.display());
+            output::note(format_args!("making {}", file.display()));
         }
         let failed = |what: String| Failure::Work(format!("cannot make {}: {what}", file.display()));
         std::fs::create_dir_all(file.parent().expect("in a folder")).map_err(|e| failed(e.to_string()))?;

@@ -4,51 +4,136 @@ use std::io;
 use std::path::Path;
 
 use super::args::CompareArgs;
-use super::{Failure, output};
-use crate::colour_map::heat;
-use crate::compare::{compare, relative_error_map};
+use super::output::{self, Voice};
+use super::{Failure, legend};
+use crate::compare::{align, compare, flip, own_relmse, relative_error_map};
 use crate::picture::{self, Image, ImageFormat};
+use crate::report::Report;
 
 /// Reads both images, prints the measures and writes the map if one is asked for.
 pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
     if let Some(path) = &args.map {
         output::check_image(path)?;
+        output::check_distinct(&[("--map", path)], &[&args.image, &args.reference])?;
     }
-    let image = picture::read(&args.image)?;
-    let reference = picture::read(&args.reference)?;
-    let comparison = compare(&image, &reference).map_err(|mismatch| {
+    let image = picture::read_any(&args.image)?;
+    let reference = picture::read_layers(&args.reference)?;
+    let (part, reference_part) = align(&image, &reference).map_err(|mismatch| {
         let (image, reference) = (args.image.display(), args.reference.display());
         Failure::Input(format!("cannot compare \"{image}\" with \"{reference}\": {mismatch}"))
     })?;
+    let comparison = compare(&part, &reference_part)?;
+    let own = OwnError::of(&image, &reference, &reference_part, comparison.relmse);
+    // A screen shows PNG files as they are; what is linear may have any range.
+    let shown = [&args.image, &args.reference].map(|path| is_png(path));
+    let flip = match shown {
+        [true, true] => flip::of_shown(&part, &reference_part),
+        _ => flip::of_light(&part, &reference_part),
+    };
     if let Some(path) = &args.map {
-        write_map(path, &image, &relative_error_map(&image, &reference)?)?;
+        write_map(path, &part, &relative_error_map(&part, &reference_part)?)?;
     }
-    let text = if args.json {
-        serde_json::to_string(&comparison).map_err(io::Error::from)?
+    let voice = Voice::new(false, args.map.iter().map(|path| path.as_path()).collect::<Vec<_>>().as_slice());
+    if args.json {
+        let mut json = serde_json::to_value(&comparison).map_err(io::Error::from)?;
+        json["flip"] = flip.mean.into();
+        json["reference_relmse"] = own.known.into();
+        json["relmse_less_reference"] = own.less.into();
+        voice.tell(json)?;
     } else {
-        comparison.to_string()
-    };
-    output::say(text)
-}
-
-/// Writes the errors as grey values to an EXR file, as colours to a PNG file.
-fn write_map(path: &Path, image: &Image, errors: &[f32]) -> Result<(), Failure> {
-    let pixel: fn(f32) -> [f32; 3] = match ImageFormat::from_path(path)? {
-        ImageFormat::Exr => |error| [error; 3],
-        ImageFormat::Png => error_colour,
-    };
-    let pixels = errors.iter().map(|&error| pixel(error)).collect();
-    let map = Image { window: image.window, ..Image::new(image.width, image.height, pixels) };
-    Ok(picture::write(path, &map, 0.0)?)
-}
-
-/// The colour of a relative squared error: black below 1e-4, through purple and orange to pale
-/// yellow from 1e2 on, equal steps for equal factors. NaN, an invalid pixel, stays NaN.
-fn error_colour(error: f32) -> [f32; 3] {
-    if error.is_nan() {
-        return [f32::NAN; 3];
+        voice.tell(table(&comparison.to_string(), &own, flip.mean))?;
+        if let Some(path) = &args.map {
+            voice.tell(format_args!("{:<16}  {}: {}", "map", path.display(), SCALE))?;
+        }
     }
-    heat((error.max(1e-30).log10() + 4.0) / 6.0)
+    match args.fail_above {
+        Some(limit) => own.judge(comparison.relmse, limit, comparison.invalid_pixels),
+        None => Ok(()),
+    }
+}
+
+/// What is shown of the scale of a map.
+const SCALE: &str =
+    "relative squared error, from 1e-4 (black) to 1e2 (pale yellow), logarithmic; linear in EXR";
+
+/// What the reference is off itself.
+struct OwnError {
+    /// Its own relMSE, where its file states it.
+    known: Option<f64>,
+    /// The relMSE less that.
+    less: Option<f64>,
+}
+
+impl OwnError {
+    /// The errors of two renders with the same random numbers are no longer independent: nothing is subtracted then.
+    fn of(image: &Image, reference: &Image, part: &Image, relmse: f64) -> Self {
+        let report = |image: &Image| -> Option<Report> {
+            serde_json::from_str(image.metadata.report.as_deref()?).ok()
+        };
+        let same_numbers = match (report(image), report(reference)) {
+            (Some(a), Some(b)) => a.seed == b.seed && a.sampler == b.sampler && a.scene == b.scene,
+            _ => false,
+        };
+        let known = own_relmse(reference, part).filter(|_| !same_numbers);
+        OwnError { known, less: known.map(|own| (relmse - own).max(0.0)) }
+    }
+
+    fn judge(&self, relmse: f64, limit: f64, invalid: u64) -> Result<(), Failure> {
+        let (value, what) = match self.less {
+            Some(less) => (less, "relMSE, less the reference's own,"),
+            None => (relmse, "relMSE"),
+        };
+        if value <= limit {
+            return Ok(());
+        }
+        Err(Failure::Work(if value.is_nan() {
+            format!(
+                "no pixel is valid in both ({invalid} are not): the error is not known to be below {limit}"
+            )
+        } else {
+            format!("{what} of {value:.6e} is above {limit}")
+        }))
+    }
+}
+
+/// The measures, with what belongs to relMSE behind it.
+fn table(measures: &str, own: &OwnError, flip: f64) -> String {
+    let mut lines = Vec::new();
+    for line in measures.lines() {
+        lines.push(line.to_string());
+        if line.starts_with("relMSE ") {
+            if let (Some(known), Some(less)) = (own.known, own.less) {
+                lines.push(format!("{:<16}  {known:>12.6e}  (the reference's own)", ""));
+                lines.push(format!("{:<16}  {less:>12.6e}  (less the reference's own)", ""));
+            }
+        }
+        if line.starts_with("SMAPE") {
+            lines.push(format!("{:<16}  {flip:>12.6e}", "FLIP"));
+        }
+    }
+    lines.join("\n")
+}
+
+fn is_png(path: &Path) -> bool {
+    let mut start = [0; 4];
+    std::fs::File::open(path).and_then(|mut file| io::Read::read_exact(&mut file, &mut start)).is_ok()
+        && start == *b"\x89PNG"
+}
+
+/// Writes the errors as grey values to an EXR file, as colours with their scale to a PNG file.
+fn write_map(path: &Path, image: &Image, errors: &[f32]) -> Result<(), Failure> {
+    match ImageFormat::from_path(path)? {
+        ImageFormat::Exr => {
+            let pixels = errors.iter().map(|&error| [error; 3]).collect();
+            let map = Image { window: image.window, ..Image::new(image.width, image.height, pixels) };
+            Ok(picture::write(path, &map, 0.0)?)
+        }
+        ImageFormat::Png => {
+            let pixels = errors.iter().map(|&error| legend::error_colour(error)).collect();
+            let map = legend::with_scale(Image::new(image.width, image.height, pixels));
+            Ok(picture::write(path, &map, 0.0)?)
+        }
+    }
 }
 
 #[cfg(test)]
@@ -56,12 +141,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn larger_errors_are_brighter() {
-        let brightness = |error: f32| error_colour(error).iter().sum::<f32>();
-        let errors = [0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0];
-        assert!(errors.windows(2).all(|pair| brightness(pair[0]) < brightness(pair[1])));
-        assert_eq!(error_colour(1e-9), error_colour(0.0));
-        assert_eq!(error_colour(f32::INFINITY), error_colour(1e2));
-        assert!(error_colour(f32::NAN)[0].is_nan());
+    fn the_references_own_error_is_subtracted_before_judging() {
+        let own = OwnError { known: Some(1e-3), less: Some(0.5e-3) };
+        own.judge(1.5e-3, 1e-3, 0).unwrap();
+        let failure = own.judge(1.5e-3, 1e-4, 0).unwrap_err();
+        assert!(
+            failure.exit_code() == 1 && failure.to_string().contains("5.000000e-4 is above 0.0001"),
+            "{failure}"
+        );
+        let unknown = OwnError { known: None, less: None };
+        unknown.judge(1e-3, 1e-3, 0).unwrap();
+        assert!(unknown.judge(1.5e-3, 1e-3, 0).is_err() && unknown.judge(f64::NAN, 1.0, 4).is_err());
+    }
+
+    #[test]
+    fn what_belongs_to_a_measure_stands_beside_it() {
+        let own = OwnError { known: Some(0.25), less: Some(0.5) };
+        let table = table("MSE  1\nrelMSE            2\nrelMSE, trimmed  3\nSMAPE  4", &own, 0.125);
+        let lines: Vec<&str> = table.lines().collect();
+        assert!(lines[2].contains("2.500000e-1  (the reference's own)"), "{table}");
+        assert!(lines[3].contains("5.000000e-1") && lines[4].starts_with("relMSE, trimmed"), "{table}");
+        assert!(lines[6].starts_with("FLIP") && lines[6].contains("1.250000e-1"), "{table}");
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::args::ConvergeArgs;
+use super::args::{ConvergeArgs, FrameArgs};
 use super::open::open;
 use super::{Failure, output, render};
 use crate::converge::experiment::{self, Conditions, ConvergeError, Frame, Results};
@@ -14,9 +14,8 @@ use crate::scene::SceneOptions;
 
 /// Measures, prints the table and writes the folder.
 pub(super) fn run(args: &ConvergeArgs) -> Result<(), Failure> {
-    let resolution = args.resolution.map(|r| [r.width, r.height]);
-    let options = SceneOptions { resolution, ..SceneOptions::default() };
-    let scene = open(&args.scene, &options, args.quiet)?;
+    let frame = FrameArgs { resolution: args.resolution, ..FrameArgs::default() };
+    let scene = open(&args.scene, &SceneOptions::default(), &frame, args.quiet)?;
     let like = Frame::of(scene.description());
     let reference = match &args.reference {
         Some(path) => Some((path.clone(), read(path, &like)?)),
@@ -28,8 +27,8 @@ pub(super) fn run(args: &ConvergeArgs) -> Result<(), Failure> {
         .map(|spec| Ok((spec.clone(), read(&spec.file, &like)?)))
         .collect::<Result<Vec<_>, Failure>>()?;
     let conditions = Conditions {
-        engines: args.engines.iter().map(|&engine| render::engine_kind(engine)).collect(),
-        samplers: args.samplers.iter().map(|&sampler| render::sampler_kind(sampler)).collect(),
+        engines: args.engines.iter().map(|&engine| engine.into()).collect(),
+        samplers: args.samplers.iter().map(|&sampler| sampler.into()).collect(),
         adaptive: args.adaptive,
         budget: args.budget,
         seeds: args.seeds,
@@ -45,7 +44,7 @@ pub(super) fn run(args: &ConvergeArgs) -> Result<(), Failure> {
     files::prepare(&args.output).map_err(|error| Failure::Usage(error.to_string()))?;
     let (experiment, results) = experiment::measure(&scene, &conditions, &mut |text| {
         if !args.quiet {
-            eprintln!("{text}");
+            output::note(text);
         }
     })?;
     write(args, &conditions, &experiment, &results)

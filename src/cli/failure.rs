@@ -27,6 +27,12 @@ impl Failure {
             Self::Work(_) => 1,
         }
     }
+
+    /// The message as it is printed: with `error: ` in front, once. What comes from the scene reader has that already.
+    pub fn to_diagnostic(&self) -> String {
+        let message = self.to_string();
+        if message.starts_with("error: ") { message } else { format!("error: {message}") }
+    }
 }
 
 impl fmt::Display for Failure {
@@ -59,7 +65,7 @@ impl From<RenderError> for Failure {
         match error {
             RenderError::Choice { .. } => Self::Usage(error.to_string()),
             RenderError::Memory { .. } => Self::Input(error.to_string()),
-            RenderError::Threads { .. } => Self::Work(error.to_string()),
+            RenderError::Threads { .. } | RenderError::Session(_) => Self::Work(error.to_string()),
         }
     }
 }
@@ -85,6 +91,9 @@ mod tests {
         assert_eq!(Failure::Usage("a".into()).exit_code(), 2);
         assert_eq!(Failure::Input("a".into()).exit_code(), 2);
         assert_eq!(Failure::Work("a".into()).exit_code(), 1);
+        for message in ["no a.pbrt", "error: no a.pbrt"] {
+            assert_eq!(Failure::Input(message.into()).to_diagnostic(), "error: no a.pbrt");
+        }
         let unknown = ImageError::UnknownFormat { path: "a.jpg".into() };
         assert_eq!(Failure::from(unknown).exit_code(), 2);
     }

@@ -10,7 +10,10 @@ pub mod args;
 mod bench;
 mod compare;
 mod converge;
+mod convert;
 mod failure;
+mod legend;
+mod model;
 mod open;
 pub mod output;
 mod parse;
@@ -23,7 +26,19 @@ pub use failure::Failure;
 
 /// A data-oriented wavefront path tracer for the CPU that reports its error against its run time.
 #[derive(Debug, Parser)]
-#[command(name = "wavepath", version, arg_required_else_help = true)]
+#[command(
+    name = "wavepath",
+    version,
+    arg_required_else_help = true,
+    max_term_width = 120,
+    after_help = "\
+Examples:
+  wavepath render scene.pbrt -o picture.png --time 1m     a picture in a minute
+  wavepath render model.ply                               a mesh, with a camera and light of its own
+  wavepath compare picture.exr reference.exr              how far off it is
+
+`wavepath COMMAND --help` has examples of each command."
+)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -34,16 +49,59 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Render a scene and report its cost and its error
+    #[command(after_help = "\
+Examples:
+  wavepath render scene.pbrt -o a.exr -o a.png --tonemap agx    linear and for the screen in one go
+  wavepath render scene.pbrt --error 0.005 --time 10m           until it is good enough, ten minutes at most
+  wavepath render scene.pbrt --crop 0.4,0.6,0.4,0.6 --spp 1024  the middle of the image, with many samples
+  wavepath render model.ply --up z --write-scene model.pbrt     a mesh, and the scene made around it")]
     Render(args::RenderArgs),
+    /// Convert a picture: crop, exposure, tone curve, layers, precision
+    #[command(after_help = "\
+Examples:
+  wavepath convert a.exr a.png --exposure 1 --tonemap agx   for the screen, a stop brighter
+  wavepath convert a.exr small.exr --half --drop-layers     half the size
+  wavepath convert a.exr noise.png --layer stderr           where the noise is, of a render with --layers
+
+--exposure brightens EXR files here, too.")]
+    Convert(args::ConvertArgs),
     /// Print what a scene needs, and what is left out
+    #[command(after_help = "\
+Examples:
+  wavepath plan scene.pbrt                              stages, kernels, queue columns
+  wavepath plan scene.pbrt --resolution 3840x2160       memory of a larger film
+  wavepath plan scene.pbrt --spp 4096 --json            for scripts")]
     Plan(args::PlanArgs),
     /// Make a mesh by procedure
+    #[command(
+        override_usage = "wavepath mesh KIND [OPTIONS] -o FILE.ply",
+        after_help = "\
+Examples:
+  wavepath mesh torus-knot -o knot.ply
+  wavepath mesh menger --levels 3 -o sponge.ply
+  wavepath mesh julia --help                            options of a kind"
+    )]
     Mesh(crate::meshes::MeshArgs),
     /// Measure engines against each other, and what each part of them brings
+    #[command(after_help = "\
+Examples:
+  wavepath bench                                        the scenes of the project, in its folder
+  wavepath bench scene.pbrt --rounds 9 --each 1s        one's own, measured longer
+  wavepath bench scene.pbrt --json > bench.json         for scripts")]
     Bench(args::BenchArgs),
     /// Compare an image with a reference and print the error measures
+    #[command(after_help = "\
+Examples:
+  wavepath compare a.exr reference.exr                      error measures
+  wavepath compare a.exr reference.exr --map error.png      and where the error is
+  wavepath compare a.exr reference.exr --fail-above 1e-3    status 1 if it is worse: for make and CI")]
     Compare(args::CompareArgs),
     /// Measure the error of engines and samplers against their run time
+    #[command(after_help = "\
+Examples:
+  wavepath converge scene.pbrt --budget 10s -o out                        a page with plots: out/report.html
+  wavepath converge scene.pbrt --reference ref.exr --engines wavefront -o out
+  wavepath converge scene.pbrt --external pbrt:1m30s:pbrt.exr --reference ref.exr -o out")]
     Converge(args::ConvergeArgs),
 }
 
@@ -55,8 +113,14 @@ impl Cli {
     pub fn run(&self) -> Result<(), Failure> {
         match &self.command {
             Command::Render(args) => render::run(args),
+            Command::Convert(args) => convert::run(args),
             Command::Plan(args) => plan::run(args),
             Command::Mesh(args) => match crate::meshes::run(args) {
+                // The mesh itself may be on standard output.
+                Ok(summary) if args.output.as_deref().is_some_and(crate::atomic_file::is_standard_output) => {
+                    output::note(summary);
+                    Ok(())
+                }
                 Ok(summary) => output::say(summary),
                 Err(error) if error.is_usage() => Err(Failure::Usage(error.to_string())),
                 Err(error) => Err(Failure::Work(error.to_string())),
@@ -71,6 +135,18 @@ impl Cli {
 #[cfg(test)]
 mod tests {
     use clap::CommandFactory;
+
+    #[test]
+    fn every_command_has_three_examples() {
+        for command in super::Cli::command().get_subcommands() {
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let examples = help.lines().filter(|line| line.starts_with("  wavepath ")).count();
+            assert!(examples >= 3, "{}: {help}", command.get_name());
+            for line in help.lines() {
+                assert!(line.len() <= 100, "{line}");
+            }
+        }
+    }
 
     #[test]
     fn the_definition_is_consistent() {

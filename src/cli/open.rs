@@ -2,15 +2,26 @@
 
 use std::path::Path;
 
-use super::Failure;
+use super::args::FrameArgs;
+use super::render::set_frame;
+use super::{Failure, output};
 use crate::scene::{Scene, SceneOptions};
 
-/// Reads and builds a scene; warnings go to standard error unless `quiet`.
-pub(super) fn open(path: &Path, options: &SceneOptions, quiet: bool) -> Result<Scene, Failure> {
-    let scene = Scene::open_with(path, options)?;
+/// Reads and builds a scene, or the part of it that is asked for; warnings go to standard error unless `quiet`.
+pub(super) fn open(
+    path: &Path,
+    options: &SceneOptions,
+    frame: &FrameArgs,
+    quiet: bool,
+) -> Result<Scene, Failure> {
+    let scene = Scene::read(path.display().to_string(), options, || {
+        let mut loaded = crate::pbrt::load(path).map_err(|error| Failure::Input(error.to_string()))?;
+        set_frame(&mut loaded.scene, frame)?;
+        Ok::<_, Failure>(loaded)
+    })?;
     if !quiet {
         for warning in scene.warnings() {
-            eprintln!("{warning}");
+            output::note(warning);
         }
     }
     Ok(scene)

@@ -4,37 +4,14 @@ use std::num::IntErrorKind;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use super::args::Resolution;
+use super::args::{Crop, Resolution};
 use crate::engine::wavefront::BATCHES;
 use crate::picture::MAX_PIXELS;
+use crate::time_span;
 
-/// Longest duration that is accepted: a hundred years of 365 days.
-const MAX_SECONDS: f64 = 100.0 * 365.0 * 86_400.0;
-
-/// A span of time: `30s`, `2m`, `1.5h`, `500ms`; a plain number counts seconds.
+/// A span of time: `30s`, `1m30s`, `2h`, `500ms`; a plain number counts seconds.
 pub fn duration(text: &str) -> Result<Duration, String> {
-    let expected = "expected a time such as 30s, 2m, 1.5h or 500ms";
-    let text = text.trim();
-    let digits = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
-    let (number, unit) = text.split_at(digits);
-    let unit = match unit {
-        "ms" => 1e-3,
-        "" | "s" => 1.0,
-        "m" | "min" => 60.0,
-        "h" => 3600.0,
-        "d" => 86_400.0,
-        _ => return Err(format!("{expected}; the units are ms, s, m, h and d")),
-    };
-    let number: f64 = number.trim().parse().map_err(|_| expected.to_string())?;
-    let seconds = number * unit;
-    if seconds <= 0.0 {
-        return Err("the time must be more than zero".into());
-    }
-    if seconds > MAX_SECONDS {
-        return Err("the time must be at most a hundred years".into());
-    }
-    let duration = Duration::try_from_secs_f64(seconds).map_err(|_| expected.to_string())?;
-    if duration.is_zero() { Err("the time must be at least 1 ns".into()) } else { Ok(duration) }
+    time_span::parse(text)
 }
 
 /// A size in pixels: `640x480`.
@@ -51,6 +28,64 @@ pub fn resolution(text: &str) -> Result<Resolution, String> {
         return Err(format!("the image must have at most {MAX_PIXELS} pixels"));
     }
     Ok(Resolution { width, height })
+}
+
+/// A part of the image, X0,X1,Y0,Y1: fractions if all of them are at most 1, else pixels.
+pub fn crop(text: &str) -> Result<Crop, String> {
+    let expected = "expected X0,X1,Y0,Y1, such as 0.25,0.75,0,1 of the image or 100,200,50,80 in pixels";
+    let values = four::<f64>(text).ok_or(expected)?;
+    if values.iter().all(|value| *value <= 1.0) { fractions(text) } else { pixels(text) }
+}
+
+/// A part of the image in fractions, as pbrt's `--cropwindow`.
+pub fn fractions(text: &str) -> Result<Crop, String> {
+    let expected = || format!("found \"{text}\"; expected X0,X1,Y0,Y1 from 0 to 1, such as 0.25,0.75,0,1");
+    let values = four::<f64>(text).ok_or_else(expected)?;
+    if !values.iter().all(|value| (0.0..=1.0).contains(value)) {
+        return Err(expected());
+    }
+    let [x0, x1, y0, y1] = values;
+    if x0 < x1 && y0 < y1 { Ok(Crop::Fractions(values)) } else { Err(empty(text)) }
+}
+
+/// A part of the image in pixels, as pbrt's `--pixelbounds`.
+pub fn pixels(text: &str) -> Result<Crop, String> {
+    let values = four::<u32>(text).ok_or_else(|| {
+        format!("found \"{text}\"; expected X0,X1,Y0,Y1 in whole pixels, such as 100,200,50,80")
+    })?;
+    let [x0, x1, y0, y1] = values;
+    if x0 < x1 && y0 < y1 { Ok(Crop::Pixels(values)) } else { Err(empty(text)) }
+}
+
+fn empty(text: &str) -> String {
+    format!("found \"{text}\", which is empty; expected X0 below X1 and Y0 below Y1")
+}
+
+fn four<T: std::str::FromStr>(text: &str) -> Option<[T; 4]> {
+    let numbers: Option<Vec<T>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
+    numbers?.try_into().ok()
+}
+
+/// Bits of a channel.
+pub fn bits(text: &str) -> Result<u8, String> {
+    match text {
+        "8" => Ok(8),
+        "16" => Ok(16),
+        _ => Err("expected 8 or 16".into()),
+    }
+}
+
+/// An axis that points up.
+pub fn axis(text: &str) -> Result<[f64; 3], String> {
+    let (sign, name) = match text.strip_prefix('-') {
+        Some(name) => (-1.0, name),
+        None => (1.0, text.strip_prefix('+').unwrap_or(text)),
+    };
+    let index = ["x", "y", "z"].iter().position(|axis| axis.eq_ignore_ascii_case(name));
+    let index = index.ok_or("expected x, y, z, -x, -y or -z")?;
+    let mut axis = [0.0; 3];
+    axis[index] = sign;
+    Ok(axis)
 }
 
 /// A factor of two to a power: exposure in stops.
@@ -135,38 +170,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn durations() {
-        let seconds = |text| duration(text).unwrap().as_secs_f64();
-        assert_eq!(seconds("30s"), 30.0);
-        assert_eq!(seconds("30"), 30.0);
-        assert_eq!(seconds("0.25"), 0.25);
-        assert_eq!(seconds("2m"), 120.0);
-        assert_eq!(seconds("1.5h"), 5400.0);
-        assert_eq!(seconds("500ms"), 0.5);
-        assert_eq!(seconds(" 2 min "), 120.0);
-        for wrong in [
-            "",
-            "s",
-            "-5s",
-            "0",
-            "0h",
-            "nan",
-            "inf",
-            "infinity",
-            "1e400",
-            "1e300h",
-            "30 parsecs",
-            "1h30m",
-            "5S",
-            "1..5s",
-            "1e-30s",
-        ] {
-            assert!(duration(wrong).is_err(), "{wrong}");
-        }
-        assert!(duration("5 weeks").unwrap_err().contains("units are ms"));
-    }
-
-    #[test]
     fn resolutions() {
         assert_eq!(resolution("640x480"), Ok(Resolution { width: 640, height: 480 }));
         assert_eq!(resolution("1X65536"), Ok(Resolution { width: 1, height: 65_536 }));
@@ -184,6 +187,40 @@ mod tests {
             let error = resolution(wrong).unwrap_err();
             assert!(error.contains(message), "{wrong}: {error}");
         }
+    }
+
+    #[test]
+    fn crops() {
+        assert_eq!(crop("0.25,0.75,0,1"), Ok(Crop::Fractions([0.25, 0.75, 0.0, 1.0])));
+        assert_eq!(crop("0, 1, 0, 1"), Ok(Crop::Fractions([0.0, 1.0, 0.0, 1.0])));
+        assert_eq!(crop("100,200,50,80"), Ok(Crop::Pixels([100, 200, 50, 80])));
+        assert_eq!(pixels("0,1,0,1"), Ok(Crop::Pixels([0, 1, 0, 1])));
+        for (wrong, message) in [
+            ("1,2,3", "X0,X1,Y0,Y1"),
+            ("a,b,c,d", "X0,X1,Y0,Y1"),
+            ("0.5,0.5,0,1", "is empty"),
+            ("-1,1,0,1", "from 0 to 1"),
+            ("nan,1,0,1", "X0,X1"),
+            ("0.5,200,0,100", "whole pixels"),
+            ("200,100,0,100", "is empty"),
+        ] {
+            let error = crop(wrong).unwrap_err();
+            assert!(error.contains(message), "{wrong}: {error}");
+        }
+        assert!(fractions("0,2,0,1").is_err() && pixels("0.5,1,0,1").is_err());
+        // As pbrt rounds.
+        let bounds = Crop::Fractions([0.25, 0.75, 0.0, 0.5]).bounds([10, 5]);
+        assert_eq!(bounds, Ok([3, 8, 0, 3]));
+        let error = Crop::Pixels([0, 11, 0, 5]).bounds([10, 5]).unwrap_err();
+        assert!(error.contains("10 x 5"), "{error}");
+        assert!(Crop::Fractions([0.01, 0.02, 0.0, 1.0]).bounds([10, 5]).is_err());
+    }
+
+    #[test]
+    fn axes() {
+        assert_eq!(axis("z"), Ok([0.0, 0.0, 1.0]));
+        assert_eq!(axis("-Y"), Ok([0.0, -1.0, 0.0]));
+        assert!(axis("up").is_err());
     }
 
     #[test]

@@ -1,26 +1,35 @@
 //! `wavepath plan`: what a scene needs, and what is left out.
 
 use super::args::PlanArgs;
+use super::open::open;
 use super::{Failure, output, render};
+use crate::engine::wavefront;
 use crate::film::Film;
-use crate::plan::Plan;
-use crate::scene::SphericalLights;
+use crate::scene::SceneOptions;
 
 /// Prints the plan.
 pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
-    let (description, scene) = render::load(&args.scene, SphericalLights::Cone, None, args.json)?;
-    let plan = Plan::new(&scene);
-    let (film, spp) = (&description.film, description.sampler.pixel_samples);
+    let options = SceneOptions { spherical_lights: args.spherical_lights.into(), ..SceneOptions::default() };
+    let scene = open(&args.scene, &options, &args.frame, args.json)?;
+    let (description, plan) = (scene.description(), scene.plan());
+    let film = &description.film;
+    let spp = args.spp.unwrap_or(description.sampler.pixel_samples);
     let [x0, x1, y0, y1] = film.pixel_bounds;
     let pixels = (x1 - x0) as u64 * (y1 - y0) as u64;
-    let bytes = Film::bytes_for_render(film.frame(), plan.requirements, Some(spp));
+    let bytes = Film::bytes_for_render(film.frame(), plan.requirements(), Some(spp));
+    let threads = args.threads.unwrap_or_else(render::default_threads);
+    let batch = args.batch.unwrap_or(wavefront::DEFAULT_BATCH);
+    let queues =
+        threads as u64 * (batch as u64 * plan.bytes_per_path as u64 + plan.shadow_queue_bytes as u64);
     if args.json {
         let mut json = plan.to_json();
         json["film_bytes"] = bytes.into();
+        json["queue_bytes"] = queues.into();
         return output::say(format_args!("{json:#}"));
     }
-    let replicates = Film::replicates_for_render(film.frame(), plan.requirements, Some(spp));
+    let replicates = Film::replicates_for_render(film.frame(), plan.requirements(), Some(spp));
     output::say(format_args!(
-        "{plan}\nfilm            {pixels} pixels, {replicates} replicates at {spp} spp: {bytes} bytes"
+        "{plan}\nfilm            {pixels} pixels, {replicates} replicates at {spp} spp: {bytes} bytes\n\
+         queues          {threads} threads x {batch} paths: {queues} bytes"
     ))
 }

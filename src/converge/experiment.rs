@@ -19,6 +19,7 @@ use crate::picture::{DataWindow, Image};
 use crate::render::{Render, RenderError, image_of, stages};
 use crate::report::Report;
 use crate::scene::{Scene, SceneDescription};
+use crate::time_span;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -209,7 +210,7 @@ impl Work<'_> {
         let frame = Frame::of(self.scene.description());
         let pictures =
             runs * kept * u64::from(frame.width) * u64::from(frame.height) * size_of::<[f32; 3]>() as u64;
-        let needed = pictures + Film::bytes_for_render(film.frame(), self.scene.plan().requirements, None);
+        let needed = pictures + Film::bytes_for_render(film.frame(), self.scene.plan().requirements(), None);
         if needed <= memory::limit() {
             return Ok(());
         }
@@ -231,19 +232,20 @@ impl Work<'_> {
         say: &mut dyn FnMut(&str),
     ) -> Result<Vec<Measured>, ConvergeError> {
         let Conditions { seeds, budget, .. } = *self.conditions;
+        let loading: Duration = self.scene.setup().iter().map(|(_, time)| *time).sum();
         let mut trees = Vec::new();
         for choice in variants {
             let started = Instant::now();
             let tree = self.scene.tree(choice.engine);
-            trees.push((tree, self.scene.setup() + started.elapsed()));
+            trees.push((tree, loading + started.elapsed()));
         }
         let runs = variants.len() * seeds;
-        let total = budget.as_secs_f64() * runs as f64;
+        let total = budget.saturating_mul(u32::try_from(runs).unwrap_or(u32::MAX));
         say(&format!(
             "{} variants x {seeds} seeds x {} s: about {} of rendering",
             variants.len(),
             budget.as_secs_f64(),
-            clock(total)
+            time_span::clock(total)
         ));
         let used = reference.and_then(report_of).map(|report| report.seed);
         // The reference's own random numbers would agree with it.
@@ -500,9 +502,4 @@ fn from_file(path: &Path, image: &Image, runs: &[(Choice, Run, Vec<Image>)]) -> 
     });
     let path = path.display().to_string();
     Reference { kind: ReferenceKind::File { path }, spp: report.map(|report| report.spp), own_error }
-}
-
-/// `45 s` or `12 min`.
-fn clock(seconds: f64) -> String {
-    if seconds < 120.0 { format!("{seconds:.0} s") } else { format!("{:.0} min", (seconds / 60.0).ceil()) }
 }

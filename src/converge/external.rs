@@ -1,4 +1,4 @@
-//! Pictures that other programs rendered: `--external name:seconds:file.exr`.
+//! Pictures that other programs rendered: `--external name:time:file.exr`.
 
 use std::path::PathBuf;
 
@@ -17,12 +17,12 @@ pub struct ExternalSpec {
     pub file: PathBuf,
 }
 
-/// Parses `name:seconds:file.exr`, for clap. The file name may have colons.
+/// Parses `name:time:file.exr`, for clap. The file name may have colons.
 ///
 /// # Errors
 /// A message that says what was found and what is expected.
 pub fn parse(text: &str) -> Result<ExternalSpec, String> {
-    const FORM: &str = "expected NAME:SECONDS:FILE.exr, such as pbrt:31.5:pbrt.exr";
+    const FORM: &str = "expected NAME:TIME:FILE.exr, such as pbrt:31.5s:pbrt.exr";
     let mut parts = text.splitn(3, ':');
     let (name, seconds, file) = (parts.next().unwrap_or("").trim(), parts.next(), parts.next());
     let Some(seconds) = seconds else { return Err(format!("found no \":\"; {FORM}")) };
@@ -30,11 +30,9 @@ pub fn parse(text: &str) -> Result<ExternalSpec, String> {
     if name.is_empty() {
         return Err(format!("found no name before the first \":\"; {FORM}"));
     }
-    let wrong = || format!("found \"{seconds}\" where a number of seconds is expected; {FORM}");
-    let number: f64 = seconds.trim().parse().map_err(|_| wrong())?;
-    if !number.is_finite() || number <= 0.0 {
-        return Err(format!("found \"{seconds}\"; expected a number of seconds that is more than zero"));
-    }
+    let time = crate::time_span::parse(seconds)
+        .map_err(|reason| format!("found \"{seconds}\": {reason}; {FORM}"))?;
+    let number = time.as_secs_f64();
     if file.is_empty() {
         return Err(format!("found no file name after the second \":\"; {FORM}"));
     }
@@ -67,24 +65,31 @@ mod tests {
 
     #[test]
     fn messages_say_what_was_found_and_what_is_expected() {
-        let form = "expected NAME:SECONDS:FILE.exr, such as pbrt:31.5:pbrt.exr";
+        let form = "expected NAME:TIME:FILE.exr, such as pbrt:31.5s:pbrt.exr";
         for (text, message) in [
             ("pbrt", format!("found no \":\"; {form}")),
             ("", format!("found no \":\"; {form}")),
             ("pbrt:31", format!("found one \":\" only; {form}")),
             (" :31:a.exr", format!("found no name before the first \":\"; {form}")),
-            ("pbrt:soon:a.exr", format!("found \"soon\" where a number of seconds is expected; {form}")),
-            ("pbrt::a.exr", format!("found \"\" where a number of seconds is expected; {form}")),
+            (
+                "pbrt:soon:a.exr",
+                format!("found \"soon\": expected a time such as 30s, 1m30s, 2h or 500ms; {form}"),
+            ),
+            ("pbrt::a.exr", format!("found \"\": expected a time such as 30s, 1m30s, 2h or 500ms; {form}")),
             ("pbrt:31:", format!("found no file name after the second \":\"; {form}")),
         ] {
             assert_eq!(parse(text).unwrap_err(), message, "{text}");
         }
-        for seconds in ["0", "-3", "inf", "nan"] {
+        for (seconds, reason) in
+            [("0", "more than zero"), ("-3", "more than zero"), ("inf", "such as"), ("nan", "such as")]
+        {
             let message = parse(&format!("pbrt:{seconds}:a.exr")).unwrap_err();
-            let expected =
-                format!("found \"{seconds}\"; expected a number of seconds that is more than zero");
-            assert_eq!(message, expected);
+            assert!(
+                message.contains(&format!("found \"{seconds}\"")) && message.contains(reason),
+                "{message}"
+            );
         }
+        assert_eq!(parse("pbrt:1m30s:a.exr").unwrap().seconds, 90.0);
     }
 
     #[test]

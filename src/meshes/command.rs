@@ -2,7 +2,7 @@
 
 use super::error::bad;
 use super::*;
-use crate::atomic_file::check_writable;
+use crate::atomic_file::{check_writable, is_standard_output};
 use std::path::PathBuf;
 
 /// Arguments of `wavepath mesh KIND [options] -o FILE.ply`.
@@ -11,7 +11,7 @@ pub struct MeshArgs {
     /// What to make
     #[command(subcommand)]
     pub kind: MeshKind,
-    /// PLY file to write
+    /// PLY file to write; - is standard output
     #[arg(short, long, global = true, value_name = "FILE.ply")]
     pub output: Option<PathBuf>,
 }
@@ -63,6 +63,10 @@ pub fn run(args: &MeshArgs) -> Result<String, MeshError> {
         .output
         .as_ref()
         .ok_or_else(|| bad("output", "none", "the PLY file to write, as in -o FILE.ply"))?;
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or("");
+    if !is_standard_output(path) && !ending.eq_ignore_ascii_case("ply") {
+        return Err(bad("output", path.display(), "a name ending in .ply, the format that is written"));
+    }
     let failed = |source| MeshError::Write { path: path.clone(), source };
     check_writable(path).map_err(failed)?;
     let mesh = generate(&args.kind)?;
@@ -110,6 +114,14 @@ mod tests {
     fn a_missing_file_name_is_an_error_before_anything_is_made() {
         let error = run(&parse(&["menger", "--levels", "5"])).unwrap_err();
         assert!(error.is_usage() && error.to_string().contains("--output"), "{error}");
+    }
+
+    #[test]
+    fn only_ply_is_written() {
+        for name in ["a.obj", "a", "a.ply.gz"] {
+            let error = run(&parse(&["box", "-o", name])).unwrap_err();
+            assert!(error.is_usage() && error.to_string().contains(".ply"), "{error}");
+        }
     }
 
     #[test]

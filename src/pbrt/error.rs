@@ -10,6 +10,7 @@
 //! ```
 
 use std::fmt;
+use unicode_width::UnicodeWidthStr;
 
 /// Handle of a file that the reader opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,10 +162,22 @@ fn write_excerpt(f: &mut fmt::Formatter<'_>, location: &Location, label: &str) -
     let Some(excerpt) = &location.excerpt else {
         return if label.is_empty() { Ok(()) } else { write!(f, "\n      = {label}") };
     };
-    let padding: String =
-        excerpt.text.chars().take(excerpt.caret_start).map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
+    // In columns of the terminal: a character takes none to two. A tab stays one, however far it reaches.
+    let split = |text: &str, count: usize| text.char_indices().nth(count).map_or(text.len(), |(at, _)| at);
+    let (before, rest) = excerpt.text.split_at(split(&excerpt.text, excerpt.caret_start));
+    let padding: String = before
+        .split_inclusive('\t')
+        .map(|part| match part.strip_suffix('\t') {
+            Some(part) => format!("{}\t", " ".repeat(part.width())),
+            None => " ".repeat(part.width()),
+        })
+        .collect();
+    // Carets may go beyond the line, where its end is meant.
+    let token = &rest[..split(rest, excerpt.caret_len)];
+    let beyond = excerpt.caret_len - token.chars().count();
+    let carets = "^".repeat((token.width() + beyond).max(1));
     write!(f, "\n{:5} | {}", location.line, excerpt.text)?;
-    write!(f, "\n      | {padding}{}", "^".repeat(excerpt.caret_len))?;
+    write!(f, "\n      | {padding}{carets}")?;
     if !label.is_empty() {
         write!(f, " {label}")?;
     }

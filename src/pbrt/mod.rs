@@ -42,6 +42,8 @@ mod transform;
 
 use std::path::{Path, PathBuf};
 
+pub(crate) use ply::reading_time;
+
 pub use error::{Diagnostic, Error, Excerpt, Location, Severity};
 
 use crate::scene::SceneDescription;

@@ -5,6 +5,8 @@
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 use super::source::open_maybe_gzipped;
 use crate::memory;
@@ -42,8 +44,23 @@ pub(crate) struct PlyError {
 
 type Result<T> = std::result::Result<T, PlyError>;
 
+/// Time that [`read`] has taken in this process, in nanoseconds.
+static READING: AtomicU64 = AtomicU64::new(0);
+
+/// Time that reading mesh files has taken in this process.
+pub(crate) fn reading_time() -> Duration {
+    Duration::from_nanos(READING.load(Ordering::Relaxed))
+}
+
 /// Reads a file; a name that ends in `.gz` is decompressed.
 pub(crate) fn read(path: &Path) -> Result<PlyMesh> {
+    let started = Instant::now();
+    let mesh = read_file(path);
+    READING.fetch_add(started.elapsed().as_nanos() as u64, Ordering::Relaxed);
+    mesh
+}
+
+fn read_file(path: &Path) -> Result<PlyMesh> {
     let reader = open_maybe_gzipped(path).map_err(|error| PlyError {
         place: String::new(),
         message: format!("cannot read the file: {error}"),

@@ -4,43 +4,32 @@
 //! the word of a header alone.
 
 use std::collections::HashSet;
-use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::{Read, Seek};
 use std::path::Path;
 
 use exr::block::reader::{ChunksReader, Reader};
 use exr::block::{self, UncompressedBlock};
 use exr::error::Error as ExrError;
 use exr::math::Vec2;
+use exr::meta::MetaData;
 use exr::meta::attribute::{AttributeValue, Compression, SampleType, Text};
 use exr::meta::header::Header;
 use exr::prelude::f16;
 
-use super::{DataWindow, Image, MAX_PIXELS, Metadata, REPORT_ATTRIBUTE};
+use super::{Channel, DataWindow, Image, MAX_PIXELS, Metadata, REPORT_ATTRIBUTE, Samples};
 use crate::contain_panics::contain_panics;
 
 /// First bytes of every OpenEXR file.
-const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+pub(super) const MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 
-/// Reads the colours of the file `path`, or says what is wrong with it.
-pub(super) fn read(path: &Path) -> Result<Image, String> {
-    let mut file = File::open(path).map_err(|error| error.to_string())?;
-    let metadata = file.metadata().map_err(|error| error.to_string())?;
-    if !metadata.is_file() {
-        return Err("it is not a regular file".into());
-    }
-    let mut magic = [0; 4];
-    if file.read_exact(&mut magic).is_err() || magic != MAGIC {
-        return Err("it is not an OpenEXR file".into());
-    }
-    file.rewind().map_err(|error| error.to_string())?;
-    // The decoders of `exr` index and subtract on what a damaged file says.
-    contain_panics(|| decode(BufReader::new(file), metadata.len()))
-        .unwrap_or_else(|| Err("the OpenEXR data are damaged".into()))
+/// What travels with the first part of a file, from its header alone; `None` if it is no OpenEXR file.
+pub(super) fn read_metadata(path: &Path) -> Option<Metadata> {
+    let meta = contain_panics(|| MetaData::read_from_file(path, false)).and_then(Result::ok)?;
+    meta.headers.first().map(metadata)
 }
 
-/// Decodes an OpenEXR file of `length` bytes.
-fn decode(file: impl Read + Seek, length: u64) -> Result<Image, String> {
+/// Decodes an OpenEXR file of `length` bytes; with the further channels of its part if `layers` is set.
+pub(super) fn decode(file: impl Read + Seek, length: u64, layers: bool) -> Result<Image, String> {
     let reader = block::read(file, false).map_err(explain)?;
     let source = choose_channels(reader.headers())?;
     for header in reader.headers() {
@@ -51,16 +40,41 @@ fn decode(file: impl Read + Seek, length: u64) -> Result<Image, String> {
     if size > MAX_PIXELS {
         return Err(too_large(&header));
     }
-    let mut pixels = vec![[0.0; 3]; size as usize];
-    read_blocks(reader, &header, &source, &mut pixels)?;
+    let mut target = Target::new(&header, &source, size as usize, layers);
+    read_blocks(reader, &header, &source, &mut target)?;
+    let Target { pixels, others } = target;
     Ok(Image {
         width: to_u32(header.layer_size.width())?,
         height: to_u32(header.layer_size.height())?,
         pixels,
         window: data_window(&header)?,
-        channels: Vec::new(),
+        channels: others.into_iter().map(|(_, channel)| channel).collect(),
         metadata: metadata(&header),
     })
+}
+
+/// What is read into.
+struct Target {
+    pixels: Vec<[f32; 3]>,
+    /// Further channels, with their place in the list of the part.
+    others: Vec<(usize, Channel)>,
+}
+
+impl Target {
+    fn new(header: &Header, source: &ColourChannels, size: usize, layers: bool) -> Self {
+        let list = header.channels.list.iter().enumerate();
+        let further = list.filter(|(index, channel)| {
+            layers && !source.channels.contains(index) && channel.sampling == Vec2(1, 1)
+        });
+        let others = further.map(|(index, channel)| {
+            let samples = match channel.sample_type {
+                SampleType::U32 => Samples::Uint(vec![0; size]),
+                _ => Samples::Float(vec![0.0; size]),
+            };
+            (index, Channel { name: channel.name.to_string(), samples })
+        });
+        Target { pixels: vec![[0.0; 3]; size], others: others.collect() }
+    }
 }
 
 /// The channels to read: their part and, for red, green and blue, their place in its list.
@@ -152,7 +166,7 @@ fn read_blocks<R: Read + Seek>(
     reader: Reader<R>,
     header: &Header,
     source: &ColourChannels,
-    pixels: &mut [[f32; 3]],
+    target: &mut Target,
 ) -> Result<(), String> {
     let wanted = |level: Vec2<usize>| level == Vec2(0, 0);
     let chunks = reader
@@ -160,7 +174,7 @@ fn read_blocks<R: Read + Seek>(
         .map_err(explain)?;
     let layout = RowLayout::new(header, source);
     let mut seen = HashSet::new();
-    let mut missing = pixels.len();
+    let mut missing = target.pixels.len();
     for block in chunks.sequential_decompressor(false) {
         let block = block.map_err(explain)?;
         let position = block.index.pixel_position;
@@ -168,7 +182,7 @@ fn read_blocks<R: Read + Seek>(
         if !fresh || block.index.layer != source.part || !wanted(block.index.level) {
             return Err("it is damaged: a block of pixels is stored where another belongs".into());
         }
-        copy_block(&block, &layout, header.layer_size, pixels)?;
+        copy_block(&block, &layout, header.layer_size, target)?;
         missing = missing.saturating_sub(block.index.pixel_size.area());
     }
     if missing > 0 { Err("it is incomplete".into()) } else { Ok(()) }
@@ -177,17 +191,22 @@ fn read_blocks<R: Read + Seek>(
 /// Where the three colours lie in a row of a block: all samples of a channel, then the next's.
 struct RowLayout {
     bytes_per_pixel: usize,
-    /// For each colour: bytes per pixel of the channels before it, and its own type.
-    colours: [(usize, SampleType); 3],
+    /// For each channel: bytes per pixel of the channels before it, and its own type.
+    channels: Vec<(usize, SampleType)>,
+    /// Which of them are red, green and blue.
+    colours: [usize; 3],
 }
 
 impl RowLayout {
     fn new(header: &Header, source: &ColourChannels) -> Self {
         let list = &header.channels.list;
-        let bytes = |index: usize| list[index].sample_type.bytes_per_sample();
-        let colours =
-            source.channels.map(|channel| ((0..channel).map(bytes).sum(), list[channel].sample_type));
-        Self { bytes_per_pixel: (0..list.len()).map(bytes).sum(), colours }
+        let mut bytes_per_pixel = 0;
+        let channels = list.iter().map(|channel| {
+            let before = bytes_per_pixel;
+            bytes_per_pixel += channel.sample_type.bytes_per_sample();
+            (before, channel.sample_type)
+        });
+        Self { channels: channels.collect(), bytes_per_pixel, colours: source.channels }
     }
 }
 
@@ -195,7 +214,7 @@ fn copy_block(
     block: &UncompressedBlock,
     layout: &RowLayout,
     size: Vec2<usize>,
-    pixels: &mut [[f32; 3]],
+    into: &mut Target,
 ) -> Result<(), String> {
     let (Vec2(x, y), Vec2(width, height)) = (block.index.pixel_position, block.index.pixel_size);
     let row_bytes = width * layout.bytes_per_pixel;
@@ -205,18 +224,36 @@ fn copy_block(
     }
     for (row, bytes) in block.data.chunks_exact(row_bytes).enumerate() {
         let start = (y + row) * size.width() + x;
-        let target = &mut pixels[start..start + width];
-        for (component, &(before, sample_type)) in layout.colours.iter().enumerate() {
-            let samples = &bytes[before * width..];
-            copy_samples(samples, sample_type, target, component);
+        let samples = |channel: usize| {
+            let (before, sample_type) = layout.channels[channel];
+            (&bytes[before * width..], sample_type)
+        };
+        let pixels = &mut into.pixels[start..start + width];
+        for (component, &channel) in layout.colours.iter().enumerate() {
+            let (bytes, sample_type) = samples(channel);
+            copy_samples(bytes, sample_type, pixels.iter_mut().map(|pixel| &mut pixel[component]));
+        }
+        for (channel, other) in &mut into.others {
+            let (bytes, sample_type) = samples(*channel);
+            match &mut other.samples {
+                Samples::Float(values) => {
+                    copy_samples(bytes, sample_type, values[start..start + width].iter_mut());
+                }
+                Samples::Uint(values) => {
+                    for (target, &bytes) in
+                        values[start..start + width].iter_mut().zip(bytes.as_chunks::<4>().0)
+                    {
+                        *target = u32::from_ne_bytes(bytes);
+                    }
+                }
+            }
         }
     }
     Ok(())
 }
 
-/// Converts the first samples of `bytes`, in the machine's byte order, one for each pixel.
-fn copy_samples(bytes: &[u8], sample_type: SampleType, target: &mut [[f32; 3]], component: usize) {
-    let targets = target.iter_mut().map(|pixel| &mut pixel[component]);
+/// Converts the first samples of `bytes`, in the machine's byte order, one for each target.
+fn copy_samples<'a>(bytes: &[u8], sample_type: SampleType, targets: impl Iterator<Item = &'a mut f32>) {
     match sample_type {
         SampleType::F16 => {
             for (target, &bytes) in targets.zip(bytes.as_chunks::<2>().0) {
@@ -257,10 +294,24 @@ fn metadata(header: &Header) -> Metadata {
         AttributeValue::Text(text) => Some(text.to_string()),
         _ => None,
     });
+    let integer = |name: &str| match Text::new_or_none(name).and_then(|name| own.other.get(&name)) {
+        Some(AttributeValue::I32(value)) => u32::try_from(*value).ok(),
+        _ => None,
+    };
+    let float = |name: &str| match Text::new_or_none(name).and_then(|name| own.other.get(&name)) {
+        Some(AttributeValue::F32(value)) => Some(*value),
+        _ => None,
+    };
     Metadata {
         report,
         software: own.software_name.as_ref().map(Text::to_string),
         owner: own.owner.as_ref().map(Text::to_string),
+        comments: own.comments.as_ref().map(Text::to_string),
+        capture_date: own.capture_date.as_ref().map(Text::to_string),
+        samples_per_pixel: integer("samplesPerPixel"),
+        render_time_seconds: float("renderTimeSeconds"),
+        world_to_camera: own.world_to_camera,
+        world_to_ndc: own.world_to_normalized_device,
     }
 }
 

@@ -1,4 +1,4 @@
-//! OpenEXR, writing: one part of 32-bit scan lines under ZIP, any list of channels.
+//! OpenEXR, writing: one part of scan lines, 32-bit or half floating point, any list of channels.
 
 use std::io::{self, Seek, SeekFrom, Write};
 
@@ -7,27 +7,52 @@ use exr::block::{self, BlockIndex, UncompressedBlock};
 use exr::error::Error as ExrError;
 use exr::math::Vec2;
 use exr::meta::attribute::{
-    AttributeValue, ChannelDescription, Compression, IntegerBounds, LineOrder, SampleType, Text,
+    AttributeValue, ChannelDescription, Chromaticities, Compression as ExrCompression, IntegerBounds,
+    LineOrder, SampleType, Text,
 };
 use exr::meta::header::{Header, LayerAttributes};
 use exr::meta::{BlockDescription, MetaData};
+use exr::prelude::f16;
 use rayon::prelude::*;
 
-use super::{EncodeError, Image, REPORT_ATTRIBUTE, Samples};
+use super::{EncodeError, Encoding, Image, REPORT_ATTRIBUTE, Samples};
 use crate::atomic_file::WriteSeek;
 
 /// Blocks that are compressed before their bytes are written: bounds the memory for them.
 const BLOCKS_AT_ONCE: usize = 64;
 
+/// Compression of OpenEXR files. All that are here keep every bit.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Compression {
+    /// None: largest and fastest.
+    None,
+    /// Runs of equal bytes.
+    Rle,
+    /// Deflate, line by line.
+    Zips,
+    /// Deflate over 16 lines.
+    #[default]
+    Zip,
+    /// Wavelets and Huffman codes: small for noisy pictures.
+    Piz,
+}
+
+/// Largest finite half.
+const HALF_MAX: f32 = 65_504.0;
+
 /// Writes `image` as an OpenEXR file.
 ///
 /// Blocks are compressed on the current rayon pool, so that the number of threads is the caller's
 /// (the `exr` crate's own feature `rayon` would start a second pool over all cores).
-pub(super) fn encode(image: &Image, file: &mut dyn WriteSeek) -> Result<(), EncodeError> {
-    let mut planes = planes(image);
+pub(super) fn encode(
+    image: &Image,
+    encoding: &Encoding,
+    file: &mut dyn WriteSeek,
+) -> Result<(), EncodeError> {
+    let mut planes = planes(image, encoding.half);
     // The format wants channels in the order of their names.
     planes.sort_by(|a, b| a.name.cmp(b.name));
-    let header = header(image, &planes)?;
+    let header = header(image, encoding, &planes)?;
     let headers = [header].into_iter().collect();
     block::write(Borrowed(file), headers, true, |meta, writer| {
         let indices: Vec<_> = meta.enumerate_ordered_header_block_indices().collect();
@@ -49,6 +74,8 @@ pub(super) fn encode(image: &Image, file: &mut dyn WriteSeek) -> Result<(), Enco
 struct Plane<'a> {
     name: &'a str,
     source: Source<'a>,
+    /// Whether floating point is stored with 16 bits.
+    half: bool,
 }
 
 enum Source<'a> {
@@ -58,36 +85,48 @@ enum Source<'a> {
     Uint(&'a [u32]),
 }
 
-impl Source<'_> {
+impl Plane<'_> {
     fn sample_type(&self) -> SampleType {
-        match self {
-            Self::Colour(..) | Self::Float(_) => SampleType::F32,
-            Self::Uint(_) => SampleType::U32,
+        match (&self.source, self.half) {
+            (Source::Uint(_), _) => SampleType::U32,
+            (_, true) => SampleType::F16,
+            (_, false) => SampleType::F32,
         }
     }
 
     /// Appends `count` values from `start` on in the machine's byte order, as `exr` wants them.
     fn append(&self, start: usize, count: usize, bytes: &mut Vec<u8>) {
         let range = start..start + count;
-        match self {
-            Self::Colour(pixels, component) => {
+        match (&self.source, self.half) {
+            (Source::Colour(pixels, component), false) => {
                 bytes.extend(pixels[range].iter().flat_map(|p| p[*component].to_ne_bytes()));
             }
-            Self::Float(values) => bytes.extend_from_slice(bytemuck::cast_slice(&values[range])),
-            Self::Uint(values) => bytes.extend_from_slice(bytemuck::cast_slice(&values[range])),
+            (Source::Colour(pixels, component), true) => {
+                bytes.extend(pixels[range].iter().flat_map(|p| half(p[*component]).to_ne_bytes()));
+            }
+            (Source::Float(values), false) => bytes.extend_from_slice(bytemuck::cast_slice(&values[range])),
+            (Source::Float(values), true) => {
+                bytes.extend(values[range].iter().flat_map(|&value| half(value).to_ne_bytes()));
+            }
+            (Source::Uint(values), _) => bytes.extend_from_slice(bytemuck::cast_slice(&values[range])),
         }
     }
 }
 
-fn planes(image: &Image) -> Vec<Plane<'_>> {
+/// To nearest. What is finite stays so: an infinite pixel spoils whatever is done with the picture.
+fn half(value: f32) -> f16 {
+    f16::from_f32(if value.is_finite() { value.clamp(-HALF_MAX, HALF_MAX) } else { value })
+}
+
+fn planes(image: &Image, half: bool) -> Vec<Plane<'_>> {
     let colours = ["R", "G", "B"].into_iter().enumerate();
-    let colours = colours.map(|(i, name)| Plane { name, source: Source::Colour(&image.pixels, i) });
+    let colours = colours.map(|(i, name)| Plane { name, source: Source::Colour(&image.pixels, i), half });
     let others = image.channels.iter().map(|channel| {
         let source = match &channel.samples {
             Samples::Float(values) => Source::Float(values),
             Samples::Uint(values) => Source::Uint(values),
         };
-        Plane { name: &channel.name, source }
+        Plane { name: &channel.name, source, half }
     });
     colours.chain(others).collect()
 }
@@ -103,37 +142,67 @@ fn compress(
     let mut data = Vec::with_capacity(rows.len() * width * 4 * planes.len());
     for row in rows {
         for plane in planes {
-            plane.source.append(row * width, width, &mut data);
+            plane.append(row * width, width, &mut data);
         }
     }
     UncompressedBlock { index, data }.compress_to_chunk(&meta.headers)
 }
 
-fn header(image: &Image, planes: &[Plane]) -> Result<Header, EncodeError> {
+fn header(image: &Image, encoding: &Encoding, planes: &[Plane]) -> Result<Header, EncodeError> {
     let mut channels = Vec::with_capacity(planes.len());
     for plane in planes {
-        channels.push(ChannelDescription::named(text(plane.name)?, plane.source.sample_type()));
+        channels.push(ChannelDescription::named(text(plane.name)?, plane.sample_type()));
     }
     let size = Vec2(image.width as usize, image.height as usize);
     let frame = Vec2(image.window.full_width as usize, image.window.full_height as usize);
-    Ok(Header::new(Text::from("wavepath"), size, channels.into())
-        .with_encoding(Compression::ZIP16, BlockDescription::ScanLines, LineOrder::Increasing)
+    let compression = match encoding.compression {
+        Compression::None => ExrCompression::Uncompressed,
+        Compression::Rle => ExrCompression::RLE,
+        Compression::Zips => ExrCompression::ZIP1,
+        Compression::Zip => ExrCompression::ZIP16,
+        Compression::Piz => ExrCompression::PIZ,
+    };
+    let mut header = Header::new(Text::from("wavepath"), size, channels.into())
+        .with_encoding(compression, BlockDescription::ScanLines, LineOrder::Increasing)
         .with_display_window(IntegerBounds::new((0, 0), frame))
-        .with_attributes(attributes(image)?))
+        .with_attributes(attributes(image)?);
+    header.shared_attributes.chromaticities = Some(SRGB);
+    Ok(header)
 }
 
+/// Primaries and white of sRGB (ITU-R BT.709), in the diagram of CIE 1931.
+const SRGB: Chromaticities = Chromaticities {
+    red: Vec2(0.64, 0.33),
+    green: Vec2(0.30, 0.60),
+    blue: Vec2(0.15, 0.06),
+    white: Vec2(0.3127, 0.3290),
+};
+
 fn attributes(image: &Image) -> Result<LayerAttributes, EncodeError> {
+    let metadata = &image.metadata;
     let software = concat!("wavepath ", env!("CARGO_PKG_VERSION"));
     let mut attributes = LayerAttributes {
         layer_name: None,
         software_name: Some(lossy(image.metadata.software.as_deref().unwrap_or(software))),
         owner: image.metadata.owner.as_deref().map(lossy),
         layer_position: Vec2(image.window.x, image.window.y),
+        comments: metadata.comments.as_deref().map(lossy),
+        capture_date: metadata.capture_date.as_deref().map(lossy),
+        utc_offset: metadata.capture_date.is_some().then_some(0.0),
+        world_to_camera: metadata.world_to_camera,
+        world_to_normalized_device: metadata.world_to_ndc,
         ..LayerAttributes::named("")
     };
     if let Some(report) = &image.metadata.report {
         let report = text(&escape_non_ascii(report))?;
         attributes.other.insert(text(REPORT_ATTRIBUTE)?, AttributeValue::Text(report));
+    }
+    if let Some(samples) = metadata.samples_per_pixel {
+        let samples = AttributeValue::I32(i32::try_from(samples).unwrap_or(i32::MAX));
+        attributes.other.insert(text("samplesPerPixel")?, samples);
+    }
+    if let Some(seconds) = metadata.render_time_seconds {
+        attributes.other.insert(text("renderTimeSeconds")?, AttributeValue::F32(seconds));
     }
     Ok(attributes)
 }
@@ -150,7 +219,7 @@ fn lossy(string: &str) -> Text {
 }
 
 /// JSON with every character above ASCII as `\uXXXX`, because OpenEXR text has no encoding.
-fn escape_non_ascii(json: &str) -> String {
+pub(super) fn escape_non_ascii(json: &str) -> String {
     let mut escaped = String::with_capacity(json.len());
     for character in json.chars() {
         if character.is_ascii() {

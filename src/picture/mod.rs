@@ -1,4 +1,4 @@
-//! Pictures in memory and in files: OpenEXR for results, PNG for looking at.
+//! Pictures in memory and in files: OpenEXR for results, PNG for looking at; Radiance HDR is read.
 //!
 //! ```
 //! use wavepath::picture::{Image, ImageFormat};
@@ -11,20 +11,27 @@
 
 mod exr_read;
 mod exr_write;
+mod hdr_read;
 mod png;
+mod tonemap;
 
 use std::fmt;
-use std::io;
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use crate::atomic_file::{self, write_whole};
+use crate::contain_panics::contain_panics;
 
-pub use png::{linear_to_srgb, to_srgb8};
+pub use exr_write::Compression;
+pub use png::{linear_to_srgb, srgb_to_linear, to_srgb8};
+pub use tonemap::Tonemap;
 
 /// Most pixels that a picture may have, in memory or in a file's header: 2^28.
 pub const MAX_PIXELS: u64 = 1 << 28;
 
-/// Name of the OpenEXR attribute with the render report as JSON text.
+/// Name of the OpenEXR attribute, and keyword of the PNG text, with the render report as JSON.
 pub const REPORT_ATTRIBUTE: &str = "wavepath";
 
 /// Linear RGB picture, `f32` per channel, with room for further channels.
@@ -38,9 +45,9 @@ pub struct Image {
     pub pixels: Vec<[f32; 3]>,
     /// Which part of the full frame the pixels are.
     pub window: DataWindow,
-    /// Further channels of the same size: written to OpenEXR, ignored by PNG, not read back.
+    /// Further channels of the same size: written to OpenEXR, ignored by PNG, read by [`read_layers`] only.
     pub channels: Vec<Channel>,
-    /// Text that travels with the picture in OpenEXR files.
+    /// What travels with the picture.
     pub metadata: Metadata,
 }
 
@@ -86,8 +93,9 @@ impl Samples {
     }
 }
 
-/// Text that travels with a picture.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+/// What travels with a picture. All of it is written to OpenEXR, under the names that pbrt and its tools know; the
+/// texts to PNG, too. All are read back from OpenEXR, report and program from PNG.
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Metadata {
     /// The render report as JSON, in the attribute [`REPORT_ATTRIBUTE`].
     pub report: Option<String>,
@@ -95,6 +103,33 @@ pub struct Metadata {
     pub software: Option<String>,
     /// Who owns the picture.
     pub owner: Option<String>,
+    /// `comments`: anything.
+    pub comments: Option<String>,
+    /// `capDate`: when it was rendered, `YYYY:MM:DD hh:mm:ss`, in universal time.
+    pub capture_date: Option<String>,
+    /// `samplesPerPixel`, rounded where pixels differ.
+    pub samples_per_pixel: Option<u32>,
+    /// `renderTimeSeconds`.
+    pub render_time_seconds: Option<f32>,
+    /// `worldToCamera`: rows of the matrix that takes points, as columns, from world to camera space, as pbrt writes it.
+    pub world_to_camera: Option<[f32; 16]>,
+    /// `worldToNDC`: the same to the screen, whose shorter axis spans 0 to 1.
+    pub world_to_ndc: Option<[f32; 16]>,
+}
+
+/// How a picture becomes a file.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Encoding {
+    /// Stops by which a PNG is brighter; OpenEXR files keep the values.
+    pub exposure: f32,
+    /// Curve of a PNG.
+    pub tonemap: Tonemap,
+    /// 16 bits a channel in a PNG, not 8.
+    pub sixteen_bits: bool,
+    /// 16-bit floating point in OpenEXR, not 32-bit: values up to 65504, with 11 bits of precision.
+    pub half: bool,
+    /// Compression of OpenEXR.
+    pub compression: Compression,
 }
 
 impl Image {
@@ -121,8 +156,8 @@ impl Image {
 
     /// The part of the picture that `window` covers, if it covers no other pixels.
     ///
-    /// The result has `width * height` pixels, its top left one at `window`'s corner. `None` if
-    /// the full frames differ or a pixel is missing.
+    /// The result has `width * height` pixels, its top left one at `window`'s corner, and no metadata: those speak of
+    /// the whole. `None` if the full frames differ or a pixel is missing.
     pub fn crop(&self, window: DataWindow, width: u32, height: u32) -> Option<Self> {
         let same_frame =
             (window.full_width, window.full_height) == (self.window.full_width, self.window.full_height);
@@ -134,10 +169,17 @@ impl Image {
         if !same_frame || !fits(x, width, self.width) || !fits(y, height, self.height) {
             return None;
         }
-        let rows = self.pixels.chunks_exact(self.width as usize).skip(y as usize);
-        let columns = x as usize..x as usize + width as usize;
-        let pixels = rows.take(height as usize).flat_map(|row| &row[columns.clone()]);
-        Some(Self { window, ..Self::new(width, height, pixels.copied().collect()) })
+        let (rows, columns) = (y as usize..(y + height) as usize, x as usize..(x + width) as usize);
+        let row_length = self.width as usize;
+        let pixels = part(&self.pixels, row_length, &rows, &columns);
+        let channels = self.channels.iter().map(|Channel { name, samples }| Channel {
+            name: name.clone(),
+            samples: match samples {
+                Samples::Float(values) => Samples::Float(part(values, row_length, &rows, &columns)),
+                Samples::Uint(values) => Samples::Uint(part(values, row_length, &rows, &columns)),
+            },
+        });
+        Some(Self { window, channels: channels.collect(), ..Self::new(width, height, pixels) })
     }
 
     /// Checks that every channel has the picture's size and that no name occurs twice.
@@ -160,6 +202,11 @@ impl Image {
     }
 }
 
+fn part<T: Copy>(values: &[T], row_length: usize, rows: &Range<usize>, columns: &Range<usize>) -> Vec<T> {
+    let rows = values.chunks_exact(row_length).skip(rows.start).take(rows.len());
+    rows.flat_map(|row| &row[columns.clone()]).copied().collect()
+}
+
 /// The file formats that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ImageFormat {
@@ -170,11 +217,17 @@ pub enum ImageFormat {
 }
 
 impl ImageFormat {
-    /// The format that the ending of `path` asks for: `.exr` or `.png`, in any case.
+    /// The format that the ending of `path` asks for: `.exr` or `.png`, in any case. Standard output, `-`, gets OpenEXR;
+    /// `exr:-` and `png:-` name its format.
     ///
     /// # Errors
     /// [`ImageError::UnknownFormat`] for any other ending.
     pub fn from_path(path: &Path) -> Result<Self, ImageError> {
+        match path.to_str() {
+            Some("-" | "exr:-") => return Ok(Self::Exr),
+            Some("png:-") => return Ok(Self::Png),
+            _ => {}
+        }
         let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or("");
         match ending.to_ascii_lowercase().as_str() {
             "exr" => Ok(Self::Exr),
@@ -222,7 +275,81 @@ pub enum ImageError {
 /// # Errors
 /// [`ImageError::Read`], which names the file and the reason.
 pub fn read(path: &Path) -> Result<Image, ImageError> {
-    exr_read::read(path).map_err(|reason| ImageError::Read { path: path.into(), reason })
+    read_as(path, &[Kind::Exr], false)
+}
+
+/// As [`read`], with all further channels of the part that holds the colours.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_layers(path: &Path) -> Result<Image, ImageError> {
+    read_as(path, &Kind::ALL, true)
+}
+
+/// As [`read`], also PNG (8 and 16 bits, as linear light, without alpha) and Radiance HDR. What a file holds decides,
+/// not its name.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_any(path: &Path) -> Result<Image, ImageError> {
+    read_as(path, &Kind::ALL, false)
+}
+
+/// What travels with the picture in the OpenEXR or PNG file `path`, without reading its pixels where that can be.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_metadata(path: &Path) -> Result<Metadata, ImageError> {
+    match exr_read::read_metadata(path) {
+        Some(metadata) => Ok(metadata),
+        None => read_any(path).map(|image| image.metadata),
+    }
+}
+
+/// Formats that are read, by their first bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Exr,
+    Png,
+    Hdr,
+}
+
+impl Kind {
+    const ALL: [Kind; 3] = [Kind::Exr, Kind::Png, Kind::Hdr];
+
+    fn of(start: &[u8]) -> Option<Kind> {
+        let magics: [(&[u8], Kind); 3] =
+            [(&exr_read::MAGIC, Kind::Exr), (b"\x89PNG", Kind::Png), (&hdr_read::MAGIC, Kind::Hdr)];
+        magics.into_iter().find(|(magic, _)| start.starts_with(magic)).map(|(_, kind)| kind)
+    }
+}
+
+fn read_as(path: &Path, kinds: &[Kind], layers: bool) -> Result<Image, ImageError> {
+    let read = || {
+        let mut file = File::open(path).map_err(|error| error.to_string())?;
+        let metadata = file.metadata().map_err(|error| error.to_string())?;
+        if !metadata.is_file() {
+            return Err("it is not a regular file".into());
+        }
+        let mut start = Vec::new();
+        let mut head = (&mut file).take(4);
+        head.read_to_end(&mut start).map_err(|error| error.to_string())?;
+        let kind = Kind::of(&start).filter(|kind| kinds.contains(kind));
+        let Some(kind) = kind else {
+            let others = if kinds.len() > 1 { ", PNG or Radiance HDR" } else { "" };
+            return Err(format!("it is not an OpenEXR{others} file"));
+        };
+        file.rewind().map_err(|error| error.to_string())?;
+        let (file, length) = (BufReader::new(file), metadata.len());
+        // The decoders of others index and subtract on what a damaged file says.
+        contain_panics(|| match kind {
+            Kind::Exr => exr_read::decode(file, length, layers),
+            Kind::Png => png::decode(file, length),
+            Kind::Hdr => hdr_read::decode(file, length),
+        })
+        .unwrap_or_else(|| Err("its data are damaged".into()))
+    };
+    read().map_err(|reason: String| ImageError::Read { path: path.into(), reason })
 }
 
 /// Writes `image` to `path`, in the format of its ending; the file appears whole or not at all.
@@ -233,11 +360,19 @@ pub fn read(path: &Path) -> Result<Image, ImageError> {
 /// # Errors
 /// [`ImageError::UnknownFormat`] or [`ImageError::Write`].
 pub fn write(path: &Path, image: &Image, exposure: f32) -> Result<(), ImageError> {
+    write_encoded(path, image, &Encoding { exposure, ..Encoding::default() })
+}
+
+/// As [`write`], with everything that can be chosen.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_encoded(path: &Path, image: &Image, encoding: &Encoding) -> Result<(), ImageError> {
     let format = ImageFormat::from_path(path)?;
     let encoded = image.validate().map_err(EncodeError).and_then(|()| {
         write_whole(path, |file| match format {
-            ImageFormat::Exr => exr_write::encode(image, file),
-            ImageFormat::Png => png::encode(image, exposure, file),
+            ImageFormat::Exr => exr_write::encode(image, encoding, file),
+            ImageFormat::Png => png::encode(image, encoding, file),
         })
     });
     encoded.map_err(|EncodeError(reason)| ImageError::Write { path: path.into(), reason })
@@ -246,7 +381,8 @@ pub fn write(path: &Path, image: &Image, exposure: f32) -> Result<(), ImageError
 /// `image` as the bytes of a PNG file, brightened by `exposure` stops; or why not, in words.
 pub(crate) fn png_bytes(image: &Image, exposure: f32) -> Result<Vec<u8>, String> {
     let mut file = io::Cursor::new(Vec::new());
-    png::encode(image, exposure, &mut file).map_err(|EncodeError(reason)| reason)?;
+    png::encode(image, &Encoding { exposure, ..Encoding::default() }, &mut file)
+        .map_err(|EncodeError(reason)| reason)?;
     Ok(file.into_inner())
 }
 
@@ -275,8 +411,8 @@ impl From<::exr::error::Error> for EncodeError {
     }
 }
 
-impl From<::image::ImageError> for EncodeError {
-    fn from(error: ::image::ImageError) -> Self {
+impl From<::png::EncodingError> for EncodeError {
+    fn from(error: ::png::EncodingError) -> Self {
         Self(error.to_string())
     }
 }

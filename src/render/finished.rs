@@ -8,6 +8,7 @@ use crate::machine;
 use crate::picture::{self, Channel, DataWindow, Image, ImageError, Samples};
 use crate::report::{Adaptive, Rays, Report};
 use crate::scene::{Scene, SceneDescription};
+use glam::{DMat4, DVec3};
 use std::path::Path;
 use std::time::Duration;
 
@@ -49,7 +50,7 @@ impl Picture {
         film: Film,
         stats: &Stats,
         elapsed: Duration,
-        setup: Duration,
+        setup: &[(&'static str, Duration)],
         ended: Ended,
         adaptive: session::Adaptive,
     ) -> Picture {
@@ -64,7 +65,8 @@ impl Picture {
             height: y1 - y0,
             spp: developed.samples as f64 / film.pixels() as f64,
             seconds: elapsed.as_secs_f64(),
-            setup_seconds: setup.as_secs_f64(),
+            setup_seconds: setup.iter().map(|(_, time)| time.as_secs_f64()).sum(),
+            setup_stages: setup.iter().map(|(name, time)| (name.to_string(), time.as_secs_f64())).collect(),
             samples: developed.samples,
             rays: Rays { camera: stats.camera_rays, bounce: stats.bounce_rays, shadow: stats.shadow_rays },
             stages: stages(stats),
@@ -86,6 +88,7 @@ impl Picture {
         let error = PictureError(estimate.map(|(relmse, interval)| ErrorEstimate { relmse, interval }));
         let mut image = image_of(scene.description(), developed.pixels);
         image.metadata.report = Some(report.to_json());
+        describe(&mut image, scene.description(), &report);
         Picture { image, error, report, ended, film }
     }
 
@@ -153,4 +156,33 @@ fn layers(statistics: &PixelStatistics) -> Vec<Channel> {
     });
     let samples = Channel { name: "samples".into(), samples: Samples::Uint(statistics.samples.clone()) };
     colours.chain([samples]).collect()
+}
+
+/// What is known of the picture beside its pixels and its report.
+fn describe(image: &mut Image, description: &SceneDescription, report: &Report) {
+    let metadata = &mut image.metadata;
+    metadata.samples_per_pixel = Some(report.spp.round() as u32);
+    metadata.render_time_seconds = Some(report.seconds as f32);
+    metadata.capture_date = machine::utc_now();
+    metadata.comments = Some(format!("{}, rendered by wavepath {}", report.scene, report.version));
+    let (camera, ndc) = camera_matrices(description);
+    metadata.world_to_camera = Some(camera);
+    metadata.world_to_ndc = Some(ndc);
+}
+
+/// World to camera space, and to the screen, whose shorter axis spans 0 to 1 and whose z goes from 0 at 0.01 to 1 at
+/// 1000: what pbrt writes. Rows of matrices for points as columns.
+fn camera_matrices(description: &SceneDescription) -> ([f32; 16], [f32; 16]) {
+    let camera = DMat4::from(description.camera.world_from_camera).inverse();
+    let (near, far) = (1e-2, 1000.0);
+    let focal = 1.0 / (description.camera.fov.to_radians() / 2.0).tan();
+    let screen = DMat4::from_cols_array_2d(&[
+        [focal, 0.0, 0.0, 0.0],
+        [0.0, focal, 0.0, 0.0],
+        [0.0, 0.0, far / (far - near), 1.0],
+        [0.0, 0.0, -far * near / (far - near), 0.0],
+    ]);
+    let to_unit = DMat4::from_translation(DVec3::splat(0.5)) * DMat4::from_scale(DVec3::new(0.5, 0.5, 1.0));
+    let rows = |matrix: DMat4| matrix.transpose().to_cols_array().map(|value| value as f32);
+    (rows(camera), rows(to_unit * screen * camera))
 }

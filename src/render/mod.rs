@@ -18,13 +18,14 @@ mod finished;
 pub use finished::{Picture, PictureError, image_of, stages};
 
 use crate::engine::schedule::Stop;
-use crate::engine::session::{MOST_SPP, Session};
+use crate::engine::session::{MOST_SPP, Session, SessionError};
 use crate::engine::{Done, EngineKind, SamplerKind, Settings, Tree, wavefront};
 use crate::film::Film;
 use crate::film::live_error::LiveError;
 use crate::memory;
 use crate::plan::Plan;
 use crate::scene::Scene;
+use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -59,6 +60,9 @@ pub enum RenderError {
         /// Bytes.
         free: u64,
     },
+    /// A tree or a film that was made for something else.
+    #[error(transparent)]
+    Session(SessionError),
     /// The system does not give the threads.
     #[error("cannot start {threads} threads: {reason}")]
     Threads {
@@ -70,8 +74,11 @@ pub enum RenderError {
 }
 
 /// How far a render is.
-#[derive(Clone, Copy, Debug)]
-pub struct Update {
+#[derive(Debug)]
+pub struct Update<'a> {
+    live: &'a RefCell<LiveError<'a>>,
+    /// The film so far.
+    pub film: &'a Film,
     /// Pixel samples so far.
     pub samples: u64,
     /// Rays so far.
@@ -80,8 +87,14 @@ pub struct Update {
     pub total_samples: Option<u64>,
     /// Since the first sample.
     pub elapsed: Duration,
-    /// Estimated relMSE so far, if it is known.
-    pub error: Option<f64>,
+}
+
+impl Update<'_> {
+    /// Estimated relMSE so far, if it is known. Looking takes a small part of the time, the less the less it is asked
+    /// for.
+    pub fn error(&self) -> Option<f64> {
+        self.live.borrow_mut().update()
+    }
 }
 
 /// Called about ten times a second with an [`Update`]; may end the render.
@@ -204,6 +217,11 @@ impl<'s> Render<'s> {
     pub fn plan(&self) -> &Plan {
         self.everything.as_ref().unwrap_or_else(|| self.scene.plan())
     }
+    /// How many pixels are rendered.
+    pub fn pixels(&self) -> u64 {
+        let [x0, x1, y0, y1] = self.scene.description().film.pixel_bounds;
+        u64::from(x1 - x0) * u64::from(y1 - y0)
+    }
     /// Samples a pixel at which it ends, if samples end it.
     pub fn last_sample(&self) -> Option<u32> {
         // A time limit or an error alone is the end; otherwise the scene's samples are.
@@ -250,11 +268,11 @@ impl<'s> Render<'s> {
         // What must know its error from the first samples on has all replicates, whatever the limit.
         let spp = self.last_sample().filter(|_| self.error.is_none());
         let frame = description.film.frame();
-        let (needed, free) = (Film::bytes_for_render(frame, plan.requirements, spp), memory::limit());
+        let (needed, free) = (Film::bytes_for_render(frame, plan.requirements(), spp), memory::limit());
         if needed > free {
             return Err(RenderError::Memory { resolution: description.film.resolution, needed, free });
         }
-        Ok(Film::for_render(frame, self.scene.tables(), plan.requirements, spp))
+        Ok(Film::for_render(frame, self.scene.tables(), plan.requirements(), spp))
     }
 
     /// A session that fills `film`, to be paused and gone on with: [`Render::run`] does that for you.
@@ -265,9 +283,11 @@ impl<'s> Render<'s> {
         self.check()?;
         let stop = Stop { spp: self.last_sample(), time: self.time, interrupted: self.stop.clone() };
         let (tables, plan) = (self.scene.tables(), self.plan());
-        Session::new(tables, plan, tree, film, &self.settings, stop).map_err(|error| RenderError::Threads {
-            threads: self.settings.threads,
-            reason: error.to_string(),
+        Session::new(tables, plan, tree, film, &self.settings, stop).map_err(|error| match error {
+            SessionError::Threads { threads, reason } => {
+                RenderError::Threads { threads, reason: reason.to_string() }
+            }
+            other => RenderError::Session(other),
         })
     }
 
@@ -287,20 +307,23 @@ impl<'s> Render<'s> {
     /// # Errors
     /// As [`Render::run`].
     pub fn run_in(mut self, tree: &Tree, building: Duration) -> Result<Picture, RenderError> {
+        let started = Instant::now();
         let film = self.film()?;
+        let film_time = started.elapsed();
         let mut watch = self.watch.take();
         let total_samples = self.last_sample().map(|spp| u64::from(spp) * film.pixels());
         let (ended, stats, elapsed, adaptive) = {
-            let mut live = LiveError::new(&film, self.settings.threads);
+            let live = RefCell::new(LiveError::new(&film, self.settings.threads));
             let (stop, started) = (self.stop.clone(), Instant::now());
             let on_done = |done: &Done| {
                 let Some(watch) = &mut watch else { return };
                 let update = Update {
+                    live: &live,
+                    film: &film,
                     samples: done.samples.load(Ordering::Relaxed),
                     rays: done.rays.load(Ordering::Relaxed),
                     total_samples,
                     elapsed: started.elapsed(),
-                    error: live.update(),
                 };
                 if watch(&update).is_break() {
                     stop.store(true, Ordering::Relaxed);
@@ -313,8 +336,9 @@ impl<'s> Render<'s> {
             };
             (ended, session.stats().clone(), session.elapsed(), session.adaptive())
         };
-        let setup = self.scene.setup() + building;
-        Ok(Picture::new(self.scene, &self.settings, film, &stats, elapsed, setup, ended, adaptive))
+        let mut setup = self.scene.setup().to_vec();
+        setup.extend([("film", film_time), ("tree", building)]);
+        Ok(Picture::new(self.scene, &self.settings, film, &stats, elapsed, &setup, ended, adaptive))
     }
 
     /// Samples a pixel at which a render to an error ends if it does not reach it.

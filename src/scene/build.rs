@@ -1,13 +1,16 @@
 //! From a [`SceneDescription`] to the tables that the kernels read.
 
+use super::check::check;
 use super::description as d;
 use glam::{DAffine3, DMat3, DVec3};
-use wavepath_kernels::generate::{Camera, Filter, FilterAxis, Lens};
-use wavepath_kernels::light_sample::LightTable;
-use wavepath_kernels::light_sample::lights::kind;
-use wavepath_kernels::queue::MAX_DEPTH;
+use wavepath_kernels::scene::lights::{
+    DistantRow, Emitter, FlatRow, GoniometricRow, Light, LightList, LightTable, PointRow, SphereRow,
+    goniometric,
+};
+use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
 use wavepath_kernels::scene::{
-    Geometry, MaterialHandle, MaterialTable, PrimitiveTag, Quadric, QuadricForm, Scene,
+    Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, Lens, MaterialHandle, MaterialTable,
+    NoRow, PrimitiveTag, Scene, SceneParts,
 };
 use wavepath_kernels::shade::materials as m;
 
@@ -40,12 +43,19 @@ pub enum BuildError {
         /// Which parameter, and why.
         problem: m::MaterialError,
     },
-    /// Paths longer than can be counted.
-    #[error("maxdepth is {found}; at most {MAX_DEPTH} is supported")]
-    MaxDepth {
-        /// The depth.
-        found: u32,
+    /// Something in the description that cannot be.
+    #[error("{of} {id}: {what}")]
+    Wrong {
+        /// Of what: "shape", "mesh", "light"; "camera", "film", "filter", "sampler".
+        of: &'static str,
+        /// Its number among them; 0 where there is one.
+        id: usize,
+        /// What is wrong with it.
+        what: String,
     },
+    /// What comes out is no scene.
+    #[error(transparent)]
+    Tables(#[from] wavepath_kernels::scene::BuildError),
     /// The scene holds more of something than can be numbered.
     #[error("the scene has {found} {what}; at most {limit} are supported")]
     TooMany {
@@ -61,9 +71,6 @@ pub enum BuildError {
 /// Most primitives of a scene.
 const MAX_PRIMITIVES: usize = 1 << 27;
 
-/// Most lights of a scene: as many as a [`PrimitiveTag`] can tell apart.
-const MAX_LIGHTS: usize = 1 << PrimitiveTag::ID_BITS;
-
 /// Builds the tables.
 ///
 /// # Errors
@@ -74,35 +81,46 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
         spherical,
         materials: MaterialTable::default(),
         built: Vec::new(),
-        geometry: Geometry::default(),
-        lights: LightTable::default(),
-        powers: Vec::new(),
+        geometry: GeometryParts::default(),
+        lights: LightList::default(),
     };
+    check(description)?;
     builder.check_size()?;
     builder.materials()?;
     builder.meshes();
     builder.spheres();
-    builder.quadrics();
-    builder.lights_without_surface();
-    builder.lights.choose_by_power(&builder.powers);
+    builder.quadrics()?;
+    let geometry = Geometry::new(std::mem::take(&mut builder.geometry))?;
+    builder.lights_without_surface(scene_radius(&geometry));
     let environment = description.lights.iter().fold([0.0; 3], |sum, light| match light {
         d::Light::Infinite { radiance } => core::array::from_fn(|k| sum[k] + radiance[k]),
         _ => sum,
     });
-    Ok(Scene {
-        camera: camera(description),
-        geometry: builder.geometry,
+    Ok(Scene::new(SceneParts {
+        camera: camera(description)?,
+        geometry,
         materials: builder.materials,
-        lights: builder.lights,
+        lights: LightTable::new(builder.lights)?,
         environment,
         max_depth: description.max_depth,
-    })
+    })?)
+}
+
+/// Empties the meshes of a description once the tables are built, which hold all of them: a large scene is not held
+/// twice. Their handles stay.
+pub fn release_meshes(description: &mut d::SceneDescription) {
+    description.meshes.iter_mut().for_each(|mesh| *mesh = d::Mesh::default());
 }
 
 /// Sets another resolution: the crop keeps its share of the image, the field of view that of the shorter axis.
 pub fn set_resolution(description: &mut d::SceneDescription, width: u32, height: u32) {
     let film = &mut description.film;
     let old = film.resolution;
+    if width == 0 || height == 0 {
+        // No image: `build` will say so.
+        film.resolution = [width, height];
+        return;
+    }
     let scale = |x: u32, axis: usize, new: u32| {
         (x as f64 * new as f64 / old[axis] as f64).round().min(new as f64) as u32
     };
@@ -118,7 +136,7 @@ pub fn set_resolution(description: &mut d::SceneDescription, width: u32, height:
     film.resolution = [width, height];
 }
 
-fn camera(description: &d::SceneDescription) -> Camera {
+fn camera(description: &d::SceneDescription) -> Result<Camera, BuildError> {
     let (c, film) = (&description.camera, &description.film);
     let [width, height] = film.resolution.map(f64::from);
     let aspect = c.frame_aspect_ratio.unwrap_or(width / height);
@@ -129,7 +147,7 @@ fn camera(description: &d::SceneDescription) -> Camera {
     });
     let tan = (c.fov.to_radians() / 2.0).tan();
     let world = |x: f64, y: f64, z: f64| c.world_from_camera.transform_vector3(DVec3::new(x, y, z)).as_vec3();
-    Camera {
+    Ok(Camera::new(CameraParts {
         origin: c.world_from_camera.translation.as_vec3().into(),
         corner: world(x0 * tan, y1 * tan, 1.0).into(),
         right: world((x1 - x0) / width * tan, 0.0, 0.0).into(),
@@ -139,11 +157,11 @@ fn camera(description: &d::SceneDescription) -> Camera {
             y: world(0.0, c.lens_radius, 0.0).into(),
             focal_distance: c.focal_distance as f32,
         }),
-        filter: filter(description.filter),
-    }
+        filter: filter(description.filter)?,
+    })?)
 }
 
-fn filter(filter: d::Filter) -> Filter {
+fn filter(filter: d::Filter) -> Result<Filter, BuildError> {
     let axes =
         |radius: [f64; 2], f: &dyn Fn(f64, f64) -> f64| radius.map(|r| FilterAxis::tabulate(r, |x| f(x, r)));
     let axes = match filter {
@@ -155,7 +173,7 @@ fn filter(filter: d::Filter) -> Filter {
         }
         d::Filter::Mitchell { radius, b, c } => axes(radius, &move |x, r| mitchell(2.0 * x / r, b, c)),
     };
-    Filter { axes }
+    Ok(Filter::new(axes)?)
 }
 
 /// Mitchell and Netravali's cubic for `|x|` up to 2.
@@ -179,9 +197,8 @@ struct Builder<'a> {
     spherical: SphericalLights,
     materials: MaterialTable,
     built: Vec<MaterialHandle>,
-    geometry: Geometry,
-    lights: LightTable,
-    powers: Vec<f64>,
+    geometry: GeometryParts,
+    lights: LightList,
 }
 
 /// The scale of a transform that keeps angles, if it is one.
@@ -212,10 +229,7 @@ impl Builder<'_> {
             if found > limit { Err(BuildError::TooMany { what, found, limit }) } else { Ok(()) }
         };
         check("primitives", primitives, MAX_PRIMITIVES)?;
-        check("lights", emitters + d.lights.len(), MAX_LIGHTS)?;
-        if d.max_depth > MAX_DEPTH {
-            return Err(BuildError::MaxDepth { found: d.max_depth });
-        }
+        check("lights", emitters + d.lights.len(), LightTable::MAX)?;
         let vertices = d.meshes.iter().map(|m| m.positions.len()).sum();
         check("vertices", vertices, u32::MAX as usize / 4)
     }
@@ -265,24 +279,18 @@ impl Builder<'_> {
     }
 
     /// Adds a light for an emitting primitive of a certain area and returns the primitive's tag.
-    fn emitter(
-        &mut self,
-        shape: &d::Shape,
-        emission: d::Emission,
-        kind: u32,
-        area: f64,
-        geometry: [f32; 10],
-    ) -> PrimitiveTag {
+    fn emitter(&mut self, shape: &d::Shape, emission: d::Emission, area: f64, light: Light) -> PrimitiveTag {
         let sides = if emission.two_sided { 2.0 } else { 1.0 };
         let scale = emission.power.map_or(1.0, |p| p as f64 / (std::f64::consts::PI * area * sides));
         let radiance = emission.radiance.map(|x| (x as f64 * scale) as f32);
         let material = self.built[shape.material.0 as usize];
-        let mut row = [0.0; LightTable::STRIDE];
-        row[..3].copy_from_slice(&radiance);
-        row[4] = emission.two_sided as u8 as f32;
-        row[5..].copy_from_slice(&geometry);
-        let id = self.lights.push(kind, row, material.row);
-        self.powers.push(brightness(radiance) * area * sides * std::f64::consts::PI);
+        let emitter = Emitter {
+            radiance,
+            two_sided: emission.two_sided,
+            material: material.row,
+            power: brightness(radiance) * area * sides * std::f64::consts::PI,
+        };
+        let id = self.lights.push(emitter, light);
         PrimitiveTag::light(material.class, id)
     }
 
@@ -309,8 +317,8 @@ impl Builder<'_> {
         for (shape, id) in ordered {
             let mesh = &description.meshes[id];
             let first = *first_vertex[id].get_or_insert_with(|| {
-                first_normal[id] = (self.geometry.normals.len() / 3) as u32;
-                self.geometry.normals.extend(mesh.normals.iter().flatten());
+                first_normal[id] = self.geometry.normals.len() as u32;
+                self.geometry.normals.extend(&mesh.normals);
                 let first = self.geometry.vertices.len() as u32;
                 self.geometry.vertices.extend(&mesh.positions);
                 first
@@ -319,7 +327,6 @@ impl Builder<'_> {
                 self.triangle(shape, mesh, *triangle, first, first_normal[id]);
             }
         }
-        self.geometry.smooth_triangles = self.geometry.triangle_normals.len() / 3;
     }
 
     fn triangle(
@@ -340,7 +347,7 @@ impl Builder<'_> {
             // Vertex normals say which side is out, as in pbrt.
             let n: DVec3 =
                 corners.iter().map(|&k| DVec3::from(mesh.normals[k as usize].map(f64::from))).sum();
-            self.geometry.triangle_normals.extend(corners.map(|k| first_normal + k));
+            self.geometry.triangle_normals.push(corners.map(|k| first_normal + k));
             n.dot(normal) < 0.0
         };
         if turned {
@@ -350,14 +357,17 @@ impl Builder<'_> {
         // With the rounded normal, so that the plane goes through the triangle.
         let distance = p.iter().map(|p| p.dot(n.as_dvec3())).sum::<f64>() / 3.0;
         self.geometry.triangles.push(corners.map(|k| first + k));
-        self.geometry.surfaces.extend([n.x, n.y, n.z, distance as f32]);
+        self.geometry.planes.push([n.x, n.y, n.z, distance as f32]);
         let tag = match Self::emission(shape) {
             Some(emission) if area > 0.0 => {
                 let (a, b) = if turned { (p[2], p[1]) } else { (p[1], p[2]) };
-                let [e1, e2] = [(a - p[0]).as_vec3(), (b - p[0]).as_vec3()];
-                let corner = p[0].as_vec3();
-                let row = [corner.x, corner.y, corner.z, e1.x, e1.y, e1.z, e2.x, e2.y, e2.z, area as f32];
-                self.emitter(shape, emission, kind::TRIANGLE, area, row)
+                let row = FlatRow {
+                    corner: p[0].as_vec3().into(),
+                    first: (a - p[0]).as_vec3().into(),
+                    second: (b - p[0]).as_vec3().into(),
+                    area: area as f32,
+                };
+                self.emitter(shape, emission, area, Light::Triangle(row))
             }
             _ => self.tag(shape),
         };
@@ -383,17 +393,15 @@ impl Builder<'_> {
             let c = centre.as_vec3();
             let sphere = [c.x, c.y, c.z, signed as f32];
             self.geometry.spheres.push(sphere);
-            self.geometry.surfaces.extend(sphere);
             let tag = match Self::emission(shape) {
                 Some(emission) => {
-                    let mut row = [0.0; 10];
-                    row[..4].copy_from_slice(&sphere);
-                    let kind = match self.spherical {
-                        SphericalLights::Cone => kind::SPHERE,
-                        SphericalLights::Area => kind::SPHERE_AREA,
+                    let row = SphereRow { centre: c.into(), radius: signed as f32 };
+                    let light = match self.spherical {
+                        SphericalLights::Cone => Light::Sphere(row),
+                        SphericalLights::Area => Light::SphereArea(row),
                     };
                     let area = 4.0 * std::f64::consts::PI * radius * radius;
-                    self.emitter(shape, emission, kind, area, row)
+                    self.emitter(shape, emission, area, light)
                 }
                 None => self.tag(shape),
             };
@@ -401,51 +409,46 @@ impl Builder<'_> {
         }
     }
 
-    fn quadrics(&mut self) {
+    fn quadrics(&mut self) -> Result<(), BuildError> {
         for shape in &self.description.shapes {
             let (world_from_object, form) = match shape.geometry {
                 d::Geometry::Mesh(_) => continue,
                 d::Geometry::Sphere { .. } if Self::whole_sphere(&shape.geometry).is_some() => continue,
-                d::Geometry::Sphere { world_from_object, radius, z_min, z_max, phi_max } => (
-                    world_from_object,
-                    QuadricForm::Sphere {
-                        radius: radius as f32,
-                        z_min: z_min as f32,
-                        z_max: z_max as f32,
-                        phi_max: phi_max.to_radians() as f32,
-                    },
-                ),
-                d::Geometry::Disk { world_from_object, height, radius, inner_radius, phi_max } => (
-                    world_from_object,
-                    QuadricForm::Disk {
-                        height: height as f32,
-                        radius: radius as f32,
-                        inner_radius: inner_radius as f32,
-                        phi_max: phi_max.to_radians() as f32,
-                    },
-                ),
+                d::Geometry::Sphere { world_from_object, radius, z_min, z_max, phi_max } => {
+                    let phi_max = phi_max.to_radians();
+                    let [radius, z_min, z_max, phi_max] = [radius, z_min, z_max, phi_max].map(|x| x as f32);
+                    (world_from_object, QuadricForm::Sphere(SpherePart { radius, z_min, z_max, phi_max }))
+                }
+                d::Geometry::Disk { world_from_object, height, radius, inner_radius, phi_max } => {
+                    let phi_max = phi_max.to_radians();
+                    let [height, radius, inner_radius, phi_max] =
+                        [height, radius, inner_radius, phi_max].map(|x| x as f32);
+                    (world_from_object, QuadricForm::Disk(Disk { height, radius, inner_radius, phi_max }))
+                }
+                d::Geometry::Cylinder { world_from_object, radius, z_min, z_max, phi_max } => {
+                    let phi_max = phi_max.to_radians();
+                    let [radius, z_min, z_max, phi_max] = [radius, z_min, z_max, phi_max].map(|x| x as f32);
+                    (world_from_object, QuadricForm::Cylinder(Cylinder { radius, z_min, z_max, phi_max }))
+                }
             };
-            let inverse = world_from_object.inverse();
-            let rows = inverse.matrix3.transpose();
-            let t = inverse.translation;
-            let row = |r: DVec3, t: f64| [r.x as f32, r.y as f32, r.z as f32, t as f32];
-            self.geometry.quadrics.push(Quadric {
-                object_from_world: [row(rows.x_axis, t.x), row(rows.y_axis, t.y), row(rows.z_axis, t.z)],
-                centre: world_from_object.translation.as_vec3().into(),
-                form,
-                flip_normal: shape.flip_normal,
-            });
-            self.geometry.surfaces.extend([0.0; 4]);
+            self.geometry.quadrics.push(Quadric::new(form, &world_from_object, shape.flip_normal)?);
             let tag = match Self::emission(shape) {
-                Some(emission) => self.quadric_light(shape, emission, &world_from_object),
+                Some(emission) => self.quadric_light(shape, emission, &world_from_object, form),
                 None => self.tag(shape),
             };
             self.geometry.tags.push(tag.0);
         }
+        Ok(())
     }
 
     /// Whole disks are sampled; everything else that is clipped or stretched is found by chance.
-    fn quadric_light(&mut self, shape: &d::Shape, emission: d::Emission, world: &DAffine3) -> PrimitiveTag {
+    fn quadric_light(
+        &mut self,
+        shape: &d::Shape,
+        emission: d::Emission,
+        world: &DAffine3,
+        form: QuadricForm,
+    ) -> PrimitiveTag {
         match shape.geometry {
             d::Geometry::Disk { height, radius, inner_radius: 0.0, phi_max, .. } if phi_max >= 360.0 => {
                 let centre = world.transform_point3(DVec3::new(0.0, 0.0, height)).as_vec3();
@@ -456,86 +459,55 @@ impl Builder<'_> {
                     std::mem::swap(&mut x, &mut y);
                 }
                 let area = std::f64::consts::PI * x.cross(y).length();
-                let (x, y) = (x.as_vec3(), y.as_vec3());
-                let row = [centre.x, centre.y, centre.z, x.x, x.y, x.z, y.x, y.y, y.z, area as f32];
-                self.emitter(shape, emission, kind::DISK, area, row)
+                let row = FlatRow {
+                    corner: centre.into(),
+                    first: x.as_vec3().into(),
+                    second: y.as_vec3().into(),
+                    area: area as f32,
+                };
+                self.emitter(shape, emission, area, Light::Disk(row))
             }
-            _ => {
-                let area = surface_area(&shape.geometry);
-                self.emitter(shape, emission, kind::UNSAMPLED, area, [0.0; 10])
-            }
+            _ => self.emitter(shape, emission, form.area(world), Light::Unsampled(NoRow)),
         }
     }
 
-    fn lights_without_surface(&mut self) {
-        let radius = scene_radius(&self.geometry);
+    /// Lights without a surface, in a scene of a certain radius.
+    fn lights_without_surface(&mut self, radius: f64) {
         for light in &self.description.lights {
-            let mut row = [0.0; LightTable::STRIDE];
-            let mut put = |at: usize, v: [f32; 3]| row[at..at + 3].copy_from_slice(&v);
-            let (kind, power) = match *light {
+            let (radiance, power, light) = match *light {
                 d::Light::Infinite { .. } => continue,
                 d::Light::Point { intensity, position } => {
-                    put(0, intensity);
-                    put(5, position.as_vec3().into());
-                    (kind::POINT, brightness(intensity) * 4.0 * std::f64::consts::PI)
+                    let row = PointRow { position: position.as_vec3().into(), ..PointRow::default() };
+                    (intensity, brightness(intensity) * 4.0 * std::f64::consts::PI, Light::Point(row))
                 }
                 d::Light::Spot { intensity, position, direction, cos_falloff_start, cos_total_width } => {
-                    put(0, intensity);
-                    put(5, position.as_vec3().into());
-                    put(8, direction.as_vec3().into());
-                    row[11] = cos_falloff_start as f32;
-                    row[12] = cos_total_width as f32;
+                    let row = PointRow {
+                        position: position.as_vec3().into(),
+                        axis: direction.as_vec3().into(),
+                        cos_falloff_start: cos_falloff_start as f32,
+                        cos_total_width: cos_total_width as f32,
+                    };
                     let cap = 1.0 - 0.5 * (cos_falloff_start + cos_total_width);
-                    (kind::SPOT, brightness(intensity) * 2.0 * std::f64::consts::PI * cap)
+                    (intensity, brightness(intensity) * 2.0 * std::f64::consts::PI * cap, Light::Spot(row))
+                }
+                d::Light::Goniometric { intensity, position, axis } => {
+                    let row =
+                        GoniometricRow { position: position.as_vec3().into(), axis: axis.as_vec3().into() };
+                    (intensity, brightness(intensity) * goniometric::INTEGRAL, Light::Goniometric(row))
                 }
                 d::Light::Distant { radiance, direction } => {
-                    put(0, radiance);
-                    put(5, (-direction).as_vec3().into());
-                    (kind::DISTANT, brightness(radiance) * std::f64::consts::PI * radius * radius)
+                    let row = DistantRow { direction: (-direction).as_vec3().into() };
+                    (
+                        radiance,
+                        brightness(radiance) * std::f64::consts::PI * radius * radius,
+                        Light::Distant(row),
+                    )
                 }
             };
-            if row[..3] != [0.0; 3] {
-                self.lights.push(kind, row, 0);
-                self.powers.push(power);
+            if radiance != [0.0; 3] {
+                self.lights.push(Emitter { radiance, two_sided: false, material: 0, power }, light);
             }
         }
-    }
-}
-
-/// World-space area of a clipped or stretched sphere or disk, by the midpoint rule: for `power` and for choosing
-/// lights, where a thousandth does not matter.
-fn surface_area(geometry: &d::Geometry) -> f64 {
-    const N: usize = 256;
-    let sum = |world: &DAffine3, phi_max: f64, point: &dyn Fn(f64, f64) -> DVec3| {
-        let phi_max = phi_max.to_radians();
-        let corner = |i: usize, j: usize| {
-            world.transform_point3(point(i as f64 / N as f64, phi_max * j as f64 / N as f64))
-        };
-        let mut area = 0.0;
-        for i in 0..N {
-            for j in 0..N {
-                let (a, b, c, d) = (corner(i, j), corner(i + 1, j), corner(i, j + 1), corner(i + 1, j + 1));
-                area += 0.5 * (d - a).cross(c - b).length();
-            }
-        }
-        area
-    };
-    match *geometry {
-        d::Geometry::Sphere { world_from_object, radius, z_min, z_max, phi_max } => {
-            sum(&world_from_object, phi_max, &|u, phi| {
-                let (low, high) =
-                    ((z_min / radius).clamp(-1.0, 1.0).acos(), (z_max / radius).clamp(-1.0, 1.0).acos());
-                let theta = low + u * (high - low);
-                radius * DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
-            })
-        }
-        d::Geometry::Disk { world_from_object, height, radius, inner_radius, phi_max } => {
-            sum(&world_from_object, phi_max, &|u, phi| {
-                let r = inner_radius + u * (radius - inner_radius);
-                DVec3::new(r * phi.cos(), r * phi.sin(), height)
-            })
-        }
-        d::Geometry::Mesh(_) => unreachable!("meshes know the area of their triangles"),
     }
 }
 
@@ -586,6 +558,6 @@ mod tests {
     fn endless_paths_are_refused() {
         let endless = d::SceneDescription { max_depth: u32::MAX, ..d::SceneDescription::default() };
         let error = build(&endless, SphericalLights::Cone).expect_err("refused");
-        assert_eq!(error, BuildError::MaxDepth { found: u32::MAX });
+        assert_eq!(error.to_string(), "4294967295 bounces; at most 16382 are supported");
     }
 }

@@ -21,7 +21,7 @@ pub struct MaterialId(pub u32);
 pub struct MeshId(pub u32);
 
 /// A scene in world space.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct SceneDescription {
     /// Where the rays start.
     pub camera: Camera,
@@ -41,6 +41,23 @@ pub struct SceneDescription {
     pub materials: Vec<Material>,
     /// Lights without a surface. Emitting surfaces are [`Shape::emission`].
     pub lights: Vec<Light>,
+}
+
+impl Default for SceneDescription {
+    /// Nothing, seen as pbrt does without options: five scattering vertices.
+    fn default() -> Self {
+        SceneDescription {
+            camera: Camera::default(),
+            film: Film::default(),
+            filter: Filter::default(),
+            sampler: Sampler::default(),
+            max_depth: 5,
+            meshes: Vec::new(),
+            shapes: Vec::new(),
+            materials: Vec::new(),
+            lights: Vec::new(),
+        }
+    }
 }
 
 /// A perspective camera with an optional thin lens.
@@ -83,6 +100,8 @@ pub struct Film {
     pub pixel_bounds: [u32; 4],
     /// File name that the scene asks for, as written.
     pub filename: Option<String>,
+    /// Whether the scene asks in so many words for 16-bit floating point in its file (pbrt's `savefp16`).
+    pub half: bool,
 }
 
 impl Film {
@@ -94,7 +113,7 @@ impl Film {
 
 impl Default for Film {
     fn default() -> Self {
-        Film { resolution: [1280, 720], pixel_bounds: [0, 1280, 0, 720], filename: None }
+        Film { resolution: [1280, 720], pixel_bounds: [0, 1280, 0, 720], filename: None, half: false }
     }
 }
 
@@ -197,6 +216,19 @@ pub enum Geometry {
         /// Only azimuths in `[0, phi_max]` degrees are there; 360 is all.
         phi_max: f64,
     },
+    /// A cylinder around the z axis of object space, open at both ends, perhaps a part of one.
+    Cylinder {
+        /// Object space to world space.
+        world_from_object: DAffine3,
+        /// Radius, above 0.
+        radius: f64,
+        /// z in `[z_min, z_max]` is there; `z_min` is below `z_max`.
+        z_min: f64,
+        /// See `z_min`.
+        z_max: f64,
+        /// Only azimuths in `[0, phi_max]` degrees are there; 360 is all.
+        phi_max: f64,
+    },
 }
 
 /// A surface: its form, what it is made of, whether it emits.
@@ -208,8 +240,8 @@ pub struct Shape {
     pub material: MaterialId,
     /// Emitted light, if it is a lamp.
     pub emission: Option<Emission>,
-    /// `ReverseOrientation` XOR "the transform swaps handedness". The geometric normal (out of the sphere; +z of
-    /// the disk; `cross(p1 - p0, p2 - p0)` of world-space triangles without vertex normals) is negated when set.
+    /// `ReverseOrientation` XOR "the transform swaps handedness". The geometric normal (out of the sphere, away from
+    /// the axis of the cylinder; +z of the disk; `cross(p1 - p0, p2 - p0)` of world-space triangles without vertex normals) is negated when set.
     /// For a mesh, the reader has already applied the transform's handedness to the winding's meaning: the normal
     /// is `cross(p1 - p0, p2 - p0)` of the world-space positions, negated when this is set.
     pub flip_normal: bool,
@@ -297,6 +329,16 @@ pub enum Light {
         /// Cosine of the angle where it is dark, at most `cos_falloff_start`.
         cos_total_width: f64,
     },
+    /// Point light with the pattern of a batwing luminaire around its axis
+    /// ([`goniometric`](wavepath_kernels::scene::lights::goniometric)).
+    Goniometric {
+        /// Largest radiant intensity.
+        intensity: Rgb,
+        /// World position.
+        position: DVec3,
+        /// World direction of the axis, away from the light, unit length.
+        axis: DVec3,
+    },
     /// Parallel light.
     Distant {
         /// Irradiance on a surface that faces it (pbrt's `L`).
@@ -304,4 +346,21 @@ pub enum Light {
         /// World direction in which the light travels, unit length.
         direction: DVec3,
     },
+}
+
+impl Light {
+    /// Its radiance, intensity or irradiance.
+    pub fn colour(&self) -> Rgb {
+        *{ *self }.colour_mut()
+    }
+
+    /// See [`Light::colour`].
+    pub fn colour_mut(&mut self) -> &mut Rgb {
+        match self {
+            Light::Infinite { radiance } | Light::Distant { radiance, .. } => radiance,
+            Light::Point { intensity, .. }
+            | Light::Spot { intensity, .. }
+            | Light::Goniometric { intensity, .. } => intensity,
+        }
+    }
 }

@@ -1,10 +1,11 @@
 //! What a scene is, apart from the format it was written in.
 
 mod build;
+mod check;
 mod description;
 mod opened;
 
-pub use build::{BuildError, SphericalLights, build, set_resolution};
+pub use build::{BuildError, SphericalLights, build, release_meshes, set_resolution};
 pub use description::*;
 pub use opened::{Scene, SceneError, SceneOptions};
 pub use wavepath_engine::SamplerKind;

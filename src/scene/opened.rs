@@ -1,6 +1,6 @@
 //! A scene that is ready to be rendered: its description, the tables that the kernels read, and what they need.
 
-use super::{BuildError, SceneDescription, SphericalLights, build, set_resolution};
+use super::{BuildError, SceneDescription, SphericalLights, build, release_meshes, set_resolution};
 use crate::engine::{EngineKind, Tree};
 use crate::pbrt::{self, Diagnostic};
 use crate::plan::Plan;
@@ -30,7 +30,7 @@ pub struct Scene {
     inputs: Vec<PathBuf>,
     tables: Tables,
     plan: Plan,
-    setup: Duration,
+    setup: Vec<(&'static str, Duration)>,
 }
 
 /// Why there is no scene.
@@ -73,9 +73,8 @@ impl Scene {
     /// # Errors
     /// As [`Scene::open`].
     pub fn open_with(path: impl AsRef<Path>, options: &SceneOptions) -> Result<Scene, SceneError> {
-        let (path, started) = (path.as_ref(), Instant::now());
-        let loaded = pbrt::load(path)?;
-        Scene::of(path.display().to_string(), loaded, options, started)
+        let path = path.as_ref();
+        Scene::read(path.display().to_string(), options, || Ok(pbrt::load(path)?))
     }
 
     /// A scene from a text in pbrt's format; file names in it are relative to the working directory.
@@ -83,9 +82,8 @@ impl Scene {
     /// # Errors
     /// As [`Scene::open`].
     pub fn parse(text: &str) -> Result<Scene, SceneError> {
-        let started = Instant::now();
-        let loaded = pbrt::load_str(text, "scene", Path::new(""))?;
-        Scene::of("scene".into(), loaded, &SceneOptions::default(), started)
+        let options = SceneOptions::default();
+        Scene::read("scene".into(), &options, || Ok(pbrt::load_str(text, "scene", Path::new(""))?))
     }
 
     /// A scene that was described in code. `name` stands for it in messages and reports.
@@ -93,8 +91,7 @@ impl Scene {
     /// # Errors
     /// [`SceneError::Build`] names what is wrong with the description.
     pub fn new(name: impl Into<String>, description: SceneDescription) -> Result<Scene, SceneError> {
-        let loaded = pbrt::Loaded { scene: description, warnings: Vec::new(), inputs: Vec::new() };
-        Scene::of(name.into(), loaded, &SceneOptions::default(), Instant::now())
+        Scene::new_with(name, description, &SceneOptions::default())
     }
 
     /// As [`Scene::new`], with options.
@@ -107,25 +104,34 @@ impl Scene {
         options: &SceneOptions,
     ) -> Result<Scene, SceneError> {
         let loaded = pbrt::Loaded { scene: description, warnings: Vec::new(), inputs: Vec::new() };
-        Scene::of(name.into(), loaded, options, Instant::now())
+        Scene::read(name.into(), options, || Ok(loaded))
     }
 
-    fn of(
+    /// As [`Scene::open_with`]; `read` brings the description, and perhaps changes it.
+    ///
+    /// # Errors
+    /// Those of `read`, and as [`Scene::new`].
+    pub fn read<E: From<SceneError>>(
         name: String,
-        loaded: pbrt::Loaded,
         options: &SceneOptions,
-        started: Instant,
-    ) -> Result<Scene, SceneError> {
-        let pbrt::Loaded { scene: mut description, warnings, inputs } = loaded;
+        read: impl FnOnce() -> Result<pbrt::Loaded, E>,
+    ) -> Result<Scene, E> {
+        let (started, meshes_before) = (Instant::now(), pbrt::reading_time());
+        let pbrt::Loaded { scene: mut description, warnings, inputs } = read()?;
+        // Several threads may read meshes, and together take longer than the clock.
+        let reading = started.elapsed();
+        let meshes = pbrt::reading_time().saturating_sub(meshes_before).min(reading);
+        let started = Instant::now();
         if let Some([width, height]) = options.resolution {
             set_resolution(&mut description, width, height);
         }
         let tables = match build(&description, options.spherical_lights) {
             Ok(tables) => tables,
-            Err(error) => return Err(SceneError::Build { name, error }),
+            Err(error) => return Err(SceneError::Build { name, error }.into()),
         };
+        release_meshes(&mut description);
         let plan = Plan::new(&tables);
-        let setup = started.elapsed();
+        let setup = vec![("reading", reading - meshes), ("meshes", meshes), ("tables", started.elapsed())];
         Ok(Scene { name, description, warnings, inputs, tables, plan, setup })
     }
 
@@ -133,7 +139,7 @@ impl Scene {
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// What was described.
+    /// What was described, with empty meshes: what was in them is in the tables.
     pub fn description(&self) -> &SceneDescription {
         &self.description
     }
@@ -157,9 +163,9 @@ impl Scene {
     pub fn tables(&self) -> &Tables {
         &self.tables
     }
-    /// Time that reading and building took.
-    pub fn setup(&self) -> Duration {
-        self.setup
+    /// What reading and building took, part by part.
+    pub fn setup(&self) -> &[(&'static str, Duration)] {
+        &self.setup
     }
     /// The tree that an engine traces rays through. [`crate::Render::run`] builds it if it is not given one: several
     /// renders of a scene may share it.

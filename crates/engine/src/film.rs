@@ -386,7 +386,7 @@ impl Film {
     /// Where a pixel of a block is in a picture.
     fn place(&self, block: &PixelBlock, pixel: usize) -> usize {
         let [x0, x1, y0, _] = self.bounds;
-        let (x, y) = (block.x + block.columns[pixel], block.y + block.rows[pixel]);
+        let (x, y) = (block.x + block.columns()[pixel], block.y + block.rows()[pixel]);
         (y - y0) as usize * (x1 - x0) as usize + (x - x0) as usize
     }
 

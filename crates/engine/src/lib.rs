@@ -18,7 +18,7 @@ pub mod wavefront;
 use crate::film::{BlockSums, Film};
 use crate::plan::Plan;
 use schedule::{Schedule, Stop, Unit};
-use session::Session;
+use session::{Session, SessionError};
 use stats::Stats;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -27,10 +27,10 @@ use wavepath_kernels::intersect::bvh2::NaiveBvh;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::{Accelerator, Closest, Hit, Occluded, Policy, TraversalStack};
 use wavepath_kernels::isa::{Isa, Level};
-use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol};
 use wavepath_kernels::scene::Scene;
-use wavepath_kernels::shade::{Features, Kinds};
+use wavepath_kernels::scene::lights::{LightKinds, NoLights, WithLights, with_lights};
+use wavepath_kernels::shade::Features;
 
 /// Which random numbers drive the estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,11 +107,19 @@ pub enum Tree<'a> {
 }
 
 impl<'a> Tree<'a> {
+    /// Is it the tree of `scene`, for an engine of this kind?
+    pub fn is_of(&self, scene: &Scene, engine: EngineKind) -> bool {
+        let wide = matches!(engine, EngineKind::Wavefront | EngineKind::MegakernelWide);
+        match self {
+            Tree::Bvh8(tree) => wide && tree.is_of(scene.geometry()),
+            Tree::Naive(tree) => !wide && tree.is_of(scene.geometry()),
+        }
+    }
     /// Builds the tree of an engine.
     pub fn build(engine: EngineKind, scene: &'a Scene) -> Self {
         match engine {
-            EngineKind::Wavefront | EngineKind::MegakernelWide => Tree::Bvh8(Bvh8::new(&scene.geometry)),
-            EngineKind::Megakernel => Tree::Naive(NaiveBvh::new(&scene.geometry)),
+            EngineKind::Wavefront | EngineKind::MegakernelWide => Tree::Bvh8(Bvh8::new(scene.geometry())),
+            EngineKind::Megakernel => Tree::Naive(NaiveBvh::new(scene.geometry())),
         }
     }
 }
@@ -176,22 +184,48 @@ pub struct Done {
     pub rays: AtomicU64,
 }
 
-/// What all workers of a render share.
+/// What all workers of a render share. Its parts belong together: kernels rely on it.
 pub struct Job<'a> {
-    /// Scene.
-    pub scene: &'a Scene,
-    /// Its plan.
-    pub plan: &'a Plan,
-    /// Receives the samples.
-    pub film: &'a Film,
-    /// Gives out work.
-    pub schedule: &'a Schedule,
-    /// Seed of the random numbers.
-    pub seed: u64,
-    /// How rays go through the tree, wavefront engine.
-    pub policy: Policy,
-    /// What is done so far.
-    pub done: &'a Done,
+    scene: &'a Scene,
+    plan: &'a Plan,
+    film: &'a Film,
+    schedule: &'a Schedule,
+    seed: u64,
+    policy: Policy,
+    done: &'a Done,
+}
+
+impl<'a> Job<'a> {
+    /// Work on a scene by its plan, given out by `schedule`, whose samples go into `film`; what is done so far is told in
+    /// `done`. The seed is that of the random numbers; the policy says how rays go through the tree, wavefront engine.
+    ///
+    /// # Errors
+    /// [`SessionError::Foreign`] if the plan is another scene's, or the film or the schedule were made for another.
+    pub fn new(
+        scene: &'a Scene,
+        plan: &'a Plan,
+        film: &'a Film,
+        schedule: &'a Schedule,
+        (seed, policy): (u64, Policy),
+        done: &'a Done,
+    ) -> Result<Self, SessionError> {
+        check_together(scene, plan, film)?;
+        if !schedule.is_of(film) {
+            return Err(SessionError::Foreign { what: "schedule", of: "another film" });
+        }
+        Ok(Job { scene, plan, film, schedule, seed, policy, done })
+    }
+}
+
+/// Checks that plan and film are made for a scene.
+fn check_together(scene: &Scene, plan: &Plan, film: &Film) -> Result<(), SessionError> {
+    if plan.scene() != scene.id() {
+        return Err(SessionError::Foreign { what: "plan", of: "another scene" });
+    }
+    if film.requirements.filter_weights != plan.requirements().filter_weights {
+        return Err(SessionError::Foreign { what: "film", of: "another filter" });
+    }
+    Ok(())
 }
 
 /// Adds a complete work unit to the film.
@@ -204,30 +238,20 @@ fn add_to_film(job: &Job, unit: &Unit, sums: &BlockSums, stats: &mut Stats) {
 
 /// Features as the plan has them.
 #[derive(Clone, Copy, Debug)]
-struct Planned<S, const LIGHTS: u32>(PhantomData<S>);
+struct Planned<S, L>(PhantomData<(S, L)>);
 
-macro_rules! planned {
-    ($($lights:expr, $general:expr;)*) => {$(
-        impl<S: Sampler> Features for Planned<S, { $lights }> {
-            type Sampler = S;
-            type Lights = Kinds<{ $lights }>;
-            type General = Planned<S, { $general }>;
-            type Specular = Planned<S, 0>;
-        }
-    )*};
-}
-// The sets of lights that kernels are compiled for.
-planned! {
-    0, 0;
-    kind::SPHERE, kind::ALL;
-    kind::ALL, kind::ALL;
+impl<S: Sampler, L: LightKinds> Features for Planned<S, L> {
+    type Sampler = S;
+    type Lights = L;
+    type General = Planned<S, L::General>;
+    type Specular = Planned<S, NoLights>;
 }
 
 /// Renders until the rule says stop; `watch` is called about ten times a second meanwhile. Returns what all workers
 /// counted, and how long it took.
 ///
 /// # Errors
-/// If the threads cannot be started.
+/// [`SessionError`] if it cannot begin.
 pub fn render(
     scene: &Scene,
     plan: &Plan,
@@ -236,7 +260,7 @@ pub fn render(
     settings: &Settings,
     stop: Stop,
     watch: impl FnMut(&Done),
-) -> Result<(Stats, Duration), rayon::ThreadPoolBuildError> {
+) -> Result<(Stats, Duration), SessionError> {
     let time = stop.time;
     let mut session = Session::new(scene, plan, tree, film, settings, stop)?;
     session.run(time, watch);
@@ -276,42 +300,39 @@ fn watched<R: Send>(done: &Done, mut watch: impl FnMut(&Done), work: impl FnOnce
 }
 
 fn with_sampler<S: Sampler>(pool: &rayon::ThreadPool, job: &Job, tree: &Tree, settings: &Settings) -> Stats {
-    let (level, batch) = (settings.level, settings.batch);
-    macro_rules! with_lights {
-        ($run:ident) => {
-            match job.plan.light_kinds {
-                0 => $run!(Planned<S, 0>),
-                kind::SPHERE => $run!(Planned<S, { kind::SPHERE }>),
-                _ => $run!(Planned<S, { kind::ALL }>),
-            }
-        };
-    }
-    macro_rules! wavefront {
-        ($features:ty) => {{
-            let Tree::Bvh8(accelerator) = tree else { unreachable!("built for this engine") };
-            pool.broadcast(|_| {
-                level.run(wavefront::Worker::<$features, _> {
-                    job,
-                    accelerator,
-                    batch,
-                    features: PhantomData,
-                })
-            })
-        }};
-    }
-    macro_rules! megakernel {
-        ($features:ty) => {
-            pool.broadcast(|_| {
-                level.run(megakernel::Worker::<$features> { job, tree, features: PhantomData })
-            })
-        };
-    }
-    let workers = match settings.engine {
-        EngineKind::Wavefront => with_lights!(wavefront),
-        EngineKind::Megakernel | EngineKind::MegakernelWide => with_lights!(megakernel),
-    };
+    let work = Work { pool, job, tree, settings, sampler: PhantomData::<S> };
+    let workers = with_lights(job.plan.light_kinds(), work);
     workers.iter().fold(Stats::default(), |mut sum, worker| {
         sum.merge(worker);
         sum
     })
+}
+
+/// What all workers of a pool do.
+struct Work<'a, S> {
+    pool: &'a rayon::ThreadPool,
+    job: &'a Job<'a>,
+    tree: &'a Tree<'a>,
+    settings: &'a Settings,
+    sampler: PhantomData<S>,
+}
+
+impl<S: Sampler> WithLights for Work<'_, S> {
+    type Output = Vec<Stats>;
+    fn run<L: LightKinds>(self) -> Vec<Stats> {
+        let Work { pool, job, tree, settings, .. } = self;
+        let (level, batch) = (settings.level, settings.batch);
+        match settings.engine {
+            EngineKind::Wavefront => {
+                let Tree::Bvh8(accelerator) = tree else { unreachable!("built for this engine") };
+                pool.broadcast(|_| {
+                    let features = PhantomData::<Planned<S, L>>;
+                    level.run(wavefront::Worker { job, accelerator, batch, features })
+                })
+            }
+            EngineKind::Megakernel | EngineKind::MegakernelWide => pool.broadcast(|_| {
+                level.run(megakernel::Worker { job, tree, features: PhantomData::<Planned<S, L>> })
+            }),
+        }
+    }
 }

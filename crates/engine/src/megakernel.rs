@@ -21,13 +21,13 @@ use wavepath_kernels::shade::surface::Surface;
 use wavepath_kernels::shade::{Features, Scattered, Vertex, material_of, scatter};
 
 /// One worker of the engine: takes tiles until there are none left.
-pub struct Worker<'a, P> {
+pub(crate) struct Worker<'a, P> {
     /// What is rendered.
-    pub job: &'a Job<'a>,
-    /// What rays are traced through.
-    pub tree: &'a Tree<'a>,
-    /// Features.
-    pub features: PhantomData<P>,
+    pub(crate) job: &'a Job<'a>,
+    /// What rays are traced through: a tree of the job's scene.
+    pub(crate) tree: &'a Tree<'a>,
+    /// Features: those of the job's plan, or more.
+    pub(crate) features: PhantomData<P>,
 }
 
 impl<P: Features> Kernel for Worker<'_, P> {
@@ -46,7 +46,7 @@ impl<P> Worker<'_, P> {
         let mut stats = Stats::default();
         let mut laps = Laps::start();
         let mut stack = tree.stack();
-        let mut sums = BlockSums::new(BLOCK_PIXELS, job.plan.requirements);
+        let mut sums = BlockSums::new(BLOCK_PIXELS, job.plan.requirements());
         while let Some(unit) = job.schedule.take() {
             sums.clear();
             isa.run(Tile::<Q> {
@@ -82,16 +82,16 @@ impl<P: Features> Kernel for Tile<'_, P> {
     fn run<I: Isa>(self, isa: I) {
         let Job { scene, film, seed, .. } = *self.job;
         let block = &film.blocks[self.unit.block];
-        let weighted = scene.camera.filter.has_negative_lobes();
+        let weighted = scene.camera().filter().has_negative_lobes();
         let before = self.stats.bounce_rays;
         for pixel in 0..block.pixels() {
-            let (x, y) = (block.x + block.columns[pixel], block.y + block.rows[pixel]);
+            let (x, y) = (block.x + block.columns()[pixel], block.y + block.rows()[pixel]);
             let splat = <<I as Isa>::One as Real>::Uint::splat;
             let number = splat(y.wrapping_mul(film.image_width).wrapping_add(x));
             let stream_seed = stream_seed(seed, number, self.unit.replicate);
             for sample in 0..self.unit.samples {
                 let stream = Stream { seed: stream_seed, index: splat(self.unit.first + sample) };
-                let ray = camera_ray::<I::One, P::Sampler>(&scene.camera, stream, splat(x), splat(y));
+                let ray = camera_ray::<I::One, P::Sampler>(scene.camera(), stream, splat(x), splat(y));
                 let radiance = trace::<I, P>(
                     isa,
                     scene,
@@ -136,17 +136,17 @@ fn trace<I: Isa, P: Features>(
     stats.camera_rays += 1;
     for depth in 0.. {
         let hit = tree.closest(isa, origin.lane(0), direction.lane(0), stack);
-        let (list, emits) = list_of(&scene.geometry.tags, scene.max_depth, hit.primitive, depth);
+        let (list, emits) = list_of(scene.geometry().tags(), scene.max_depth(), hit.primitive, depth);
         if list == list::MISSED {
-            add(throughput * Rgb::splat(scene.environment));
+            add(throughput * Rgb::splat(scene.environment()));
             break;
         }
         let splat = I::One::splat;
         let uint = <<I as Isa>::One as Real>::Uint::splat;
-        let tag = scene.geometry.tags[hit.primitive as usize];
+        let tag = scene.geometry().tags()[hit.primitive as usize];
         // SAFETY: the primitive was hit, so it exists.
         let surface = unsafe {
-            Surface::new(&scene.geometry, uint(hit.primitive), origin, direction, splat(hit.t), || {
+            Surface::new(scene.geometry(), uint(hit.primitive), origin, direction, splat(hit.t), || {
                 (splat(hit.u), splat(hit.v))
             })
         };
@@ -213,7 +213,7 @@ impl<F: Real, P: Features> ForMaterial for Step<'_, F, P> {
         // SAFETY: the tag is one of the scene's, and of the class of `M`.
         let bsdf = unsafe {
             let material = material_of(self.scene, F::Uint::splat(self.tag));
-            M::bsdf::<F>(self.scene.materials.evaluate::<M, F>(material))
+            M::bsdf::<F>(self.scene.materials().evaluate::<M, F>(material))
         };
         scatter::<F, M::Bsdf<F>, P>(self.scene, self.vertex, &bsdf)
     }

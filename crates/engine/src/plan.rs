@@ -4,9 +4,9 @@
 use crate::film::Film;
 use serde::Serialize;
 use std::fmt;
-use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::queue::{Requirements, bytes_per_path, columns};
-use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene};
+use wavepath_kernels::scene::lights::kind;
+use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene, SceneId};
 
 /// A stage or kernel that runs or is left out, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -48,14 +48,11 @@ pub struct Primitives {
 /// What a scene needs.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// Features of queues.
-    pub requirements: Requirements,
-    /// Shade kernels that run, in order.
-    pub shade_kernels: Vec<MaterialClass>,
-    /// Is there light from the sky?
-    pub has_environment: bool,
-    /// Kinds of lights to sample ([`kind`]).
-    pub light_kinds: u32,
+    scene: SceneId,
+    requirements: Requirements,
+    shade_kernels: Vec<MaterialClass>,
+    has_environment: bool,
+    light_kinds: u32,
     /// Lights, by what they are.
     pub lights: Vec<(&'static str, usize)>,
     /// Primitives.
@@ -74,55 +71,62 @@ pub struct Plan {
     pub film_bytes_per_pixel: u64,
 }
 
-const LIGHT_NAMES: [(u32, &str); 8] = [
-    (kind::SPHERE, "sphere (by solid angle)"),
-    (kind::SPHERE_AREA, "sphere (by area)"),
-    (kind::TRIANGLE, "triangle"),
-    (kind::DISK, "disk"),
-    (kind::POINT, "point"),
-    (kind::SPOT, "spot"),
-    (kind::DISTANT, "distant"),
-    (kind::UNSAMPLED, "surface found by chance only"),
-];
-
 impl Plan {
+    /// The scene that it is the plan of.
+    pub fn scene(&self) -> SceneId {
+        self.scene
+    }
+    /// Features of queues.
+    pub fn requirements(&self) -> Requirements {
+        self.requirements
+    }
+    /// Shade kernels that run, in order.
+    pub fn shade_kernels(&self) -> &[MaterialClass] {
+        &self.shade_kernels
+    }
+    /// Is there light from the sky?
+    pub fn has_environment(&self) -> bool {
+        self.has_environment
+    }
+    /// Kinds of lights to sample ([`kind`]).
+    pub fn light_kinds(&self) -> u32 {
+        self.light_kinds
+    }
+
     /// Makes the plan of a scene.
     pub fn new(scene: &Scene) -> Plan {
-        let geometry = &scene.geometry;
+        let geometry = scene.geometry();
         let mut of_class = [0usize; MaterialClass::COUNT];
-        for &tag in &geometry.tags {
+        for &tag in geometry.tags() {
             of_class[PrimitiveTag(tag).class() as usize] += 1;
         }
         let used = |class: MaterialClass| of_class[class as usize] > 0;
-        let scatters = scene.max_depth > 0;
+        let scatters = scene.max_depth() > 0;
         let shade_kernels: Vec<_> =
             MaterialClass::scattering().filter(|&class| used(class) && scatters).collect();
         let lit = shade_kernels.iter().any(|c| c.samples_lights());
-        let light_kinds = if lit { scene.lights.sampled_kinds() } else { 0 };
+        let light_kinds = if lit { scene.lights().sampled_kinds() } else { 0 };
         let requirements = Requirements {
             transmission: shade_kernels.iter().any(|c| c.scales_radiance()),
-            smooth_normals: geometry.smooth_triangles > 0,
+            smooth_normals: geometry.smooth_triangles() > 0,
             light_sampling: light_kinds != 0,
-            filter_weights: scene.camera.filter.has_negative_lobes(),
+            filter_weights: scene.camera().filter().has_negative_lobes(),
         };
         let primitives = Primitives {
-            triangles: geometry.triangles.len(),
-            smooth_triangles: geometry.smooth_triangles,
-            spheres: geometry.spheres.len(),
-            quadrics: geometry.quadrics.len(),
+            triangles: geometry.triangles().len(),
+            smooth_triangles: geometry.smooth_triangles(),
+            spheres: geometry.spheres().len(),
+            quadrics: geometry.quadrics().len(),
         };
-        let has_environment = scene.environment != [0.0; 3];
+        let has_environment = scene.environment() != [0.0; 3];
         let (path_bytes, shadow_queue_bytes) = bytes_per_path(requirements);
         let mut plan = Plan {
+            scene: scene.id(),
             requirements,
             shade_kernels,
             has_environment,
             light_kinds,
-            lights: LIGHT_NAMES
-                .iter()
-                .map(|&(k, name)| (name, scene.lights.kinds.iter().filter(|&&x| x == k).count()))
-                .filter(|&(_, n)| n > 0)
-                .collect(),
+            lights: scene.lights().census().into_iter().map(|(kind, n)| (kind.name(), n)).collect(),
             primitives,
             parts: Vec::new(),
             columns: columns()
@@ -146,7 +150,7 @@ impl Plan {
     pub fn everything(scene: &Scene) -> Plan {
         let mut plan = Plan::new(scene);
         // Without a light there is nothing to choose from.
-        let lit = scene.lights.sampled_kinds() != 0;
+        let lit = scene.lights().sampled_kinds() != 0;
         plan.requirements = Requirements {
             transmission: true,
             smooth_normals: true,
@@ -167,13 +171,13 @@ impl Plan {
             0 => format!("no {what}"),
             n => format!("{n} {what}"),
         };
-        let camera = &scene.camera;
+        let camera = scene.camera();
         let mut parts = vec![
             part("generate", true, "camera rays".into()),
             part(
                 "generate: lens",
-                camera.lens.is_some(),
-                (if camera.lens.is_some() { "the lens has a radius" } else { "pinhole camera" }).into(),
+                camera.lens().is_some(),
+                (if camera.lens().is_some() { "the lens has a radius" } else { "pinhole camera" }).into(),
             ),
             part(
                 "generate: filter weights",
@@ -200,7 +204,7 @@ impl Plan {
             let why = if n > 0 && !runs { "maxdepth is 0".into() } else { counted(n, "primitives") };
             parts.push(part(&format!("shade: {}", class.name()), runs, why));
         }
-        let emitting = scene.geometry.tags.iter().filter(|&&t| PrimitiveTag(t).emits()).count();
+        let emitting = scene.geometry().tags().iter().filter(|&&t| PrimitiveTag(t).emits()).count();
         parts.push(part("shade: emission", emitting > 0, counted(emitting, "emitting primitives")));
         parts.push(part(
             "shade: environment",
@@ -210,10 +214,10 @@ impl Plan {
         parts.push(part(
             "light_sample",
             self.light_kinds != 0,
-            match (lit, scene.lights.sampled_kinds()) {
+            match (lit, scene.lights().sampled_kinds()) {
                 (_, 0) => "no lights to sample".into(),
                 (false, _) => "no material that light sampling serves".into(),
-                (true, _) => format!("{} lights", scene.lights.len()),
+                (true, _) => format!("{} lights", scene.lights().len()),
             },
         ));
         parts.push(part("roulette_compact", true, "Russian roulette".into()));

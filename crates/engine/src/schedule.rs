@@ -66,7 +66,7 @@ impl Schedule {
 
     /// The samples of a range. If it is `growing`, every pixel gets a few samples soon: for a range that may be left at
     /// any moment.
-    pub fn of(
+    pub(crate) fn of(
         film: &Film,
         workers: usize,
         range: Range<u32>,
@@ -79,7 +79,7 @@ impl Schedule {
 
     /// The samples of a range for each half of each block, the replicates of even and of odd number. Wherever it is
     /// left, all of them have about the same part of theirs.
-    pub fn by_half(
+    pub(crate) fn by_half(
         film: &Film,
         workers: usize,
         ranges: &[[Range<u32>; 2]],
@@ -98,14 +98,19 @@ impl Schedule {
         let blocks = film.blocks.len() as u64;
         let replicates = film.replicates as u64;
         let longest = ranges.iter().map(|range| range.len() as u32).max().unwrap_or(0);
-        let longest = longest.div_ceil(film.replicates / groups);
+        let longest = longest.div_ceil((film.replicates / groups).max(1));
         // Small renders: enough units that no worker waits long at the end.
         let wanted = 16 * workers as u64;
-        let rounds = wanted.div_ceil(blocks * replicates).clamp(1, longest.max(1) as u64) as u32;
+        let rounds = wanted.div_ceil((blocks * replicates).max(1)).clamp(1, longest.max(1) as u64) as u32;
         let chunk = Self::CHUNK.min(longest.div_ceil(rounds)).max(1);
         let next = AtomicU64::new(0);
         let (growing, groups, deadline) = (false, u64::from(groups), None);
         Schedule { blocks, replicates, ranges, groups, longest, chunk, growing, next, deadline, interrupted }
+    }
+
+    /// Does it give out work for a film like this one?
+    pub(crate) fn is_of(&self, film: &Film) -> bool {
+        self.blocks == film.blocks.len() as u64 && self.replicates == u64::from(film.replicates)
     }
 
     /// No more units after this moment, but for the first sample of every pixel.
@@ -152,6 +157,9 @@ impl Schedule {
 
     /// The unit number `n`, or none if there is nothing left from there on.
     fn unit(&self, n: u64) -> Option<Option<Unit>> {
+        if self.blocks == 0 || self.replicates == 0 {
+            return None;
+        }
         let (turn, block) = (n / self.blocks, n % self.blocks);
         let (round, replicate) = (turn / self.replicates, turn % self.replicates);
         // No replicate has more.
@@ -159,7 +167,7 @@ impl Schedule {
             return None;
         }
         let (group, member) = (replicate % self.groups, replicate / self.groups);
-        let members = self.replicates / self.groups;
+        let members = (self.replicates / self.groups).max(1);
         let range = &self.ranges[(block * self.groups + group) as usize];
         let own = (range.len() as u64).div_ceil(members);
         // One with fewer samples takes part in some of the rounds only, evenly spaced.

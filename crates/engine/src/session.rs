@@ -6,7 +6,8 @@
 use super::adaptive::{LEAST_GAIN, LEAST_PILOT, LEAST_REPLICATES, Shares};
 use super::schedule::{Schedule, Stop};
 use super::stats::Stats;
-use super::{Done, Job, Settings, Tree, execute, watched};
+use super::wavefront::BATCHES;
+use super::{Done, Job, Settings, Tree, check_together, execute, watched};
 use crate::film::Film;
 use crate::plan::Plan;
 use std::ops::Range;
@@ -57,6 +58,66 @@ fn can_adapt(settings: &Settings, film: &Film) -> bool {
     settings.adaptive && film.replicates >= LEAST_REPLICATES
 }
 
+/// Why a render cannot begin.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SessionError {
+    /// A choice that cannot be.
+    #[error("{what} is {found}: expected {expected}")]
+    Choice {
+        /// What was chosen.
+        what: &'static str,
+        /// As what.
+        found: String,
+        /// What it may be.
+        expected: String,
+    },
+    /// Something that was made for something else.
+    #[error("the {what} was made for {of}")]
+    Foreign {
+        /// What.
+        what: &'static str,
+        /// For what it was made.
+        of: &'static str,
+    },
+    /// The system does not give the threads.
+    #[error("cannot start {threads} threads: {reason}")]
+    Threads {
+        /// How many.
+        threads: usize,
+        /// What the system said.
+        reason: rayon::ThreadPoolBuildError,
+    },
+}
+
+impl Settings {
+    /// Checks the choices.
+    ///
+    /// # Errors
+    /// [`SessionError::Choice`].
+    pub fn check(&self) -> Result<(), SessionError> {
+        let wrong = |what, found: String, expected: &str| {
+            Err(SessionError::Choice { what, found, expected: expected.into() })
+        };
+        if !(1..=MOST_THREADS).contains(&self.threads) {
+            let expected = format!("1 to {MOST_THREADS}");
+            return wrong("the number of threads", self.threads.to_string(), &expected);
+        }
+        if !BATCHES.contains(&self.batch) {
+            let (least, most) = BATCHES.into_inner();
+            let expected = format!("{least} to {most}");
+            return wrong("the number of paths in a pool", self.batch.to_string(), &expected);
+        }
+        if !self.level.is_available() {
+            return wrong("the instruction set", self.level.name().into(), "one that this machine has");
+        }
+        Ok(())
+    }
+}
+
+/// Most threads of a render.
+pub const MOST_THREADS: usize = 1 << 14;
+
 /// A render.
 pub struct Session<'a> {
     scene: &'a Scene,
@@ -86,7 +147,8 @@ impl<'a> Session<'a> {
     /// that the render may end any moment. The time itself is an argument of [`Session::run`].
     ///
     /// # Errors
-    /// If the threads cannot be started.
+    /// [`SessionError`]: a setting that cannot be, parts that are made for something else, or threads that cannot be
+    /// started.
     pub fn new(
         scene: &'a Scene,
         plan: &'a Plan,
@@ -94,8 +156,17 @@ impl<'a> Session<'a> {
         film: &'a Film,
         settings: &'a Settings,
         stop: Stop,
-    ) -> Result<Self, rayon::ThreadPoolBuildError> {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(settings.threads).build()?;
+    ) -> Result<Self, SessionError> {
+        settings.check()?;
+        check_together(scene, plan, film)?;
+        if !tree.is_of(scene, settings.engine) {
+            return Err(SessionError::Foreign { what: "tree", of: "another scene or engine" });
+        }
+        let threads = settings.threads;
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .map_err(|reason| SessionError::Threads { threads, reason })?;
         let (spp, interrupted) = (stop.spp, stop.interrupted.clone());
         let planned = if can_adapt(settings, film) { first_round(spp) } else { spp.unwrap_or(u32::MAX) };
         let growing = stop.time.is_some();
@@ -188,15 +259,9 @@ impl<'a> Session<'a> {
         // A time too far away for the clock is no limit.
         let deadline = until.and_then(|until| started.checked_add(until.saturating_sub(self.elapsed)));
         self.schedule.pause_at(deadline);
-        let job = Job {
-            scene: self.scene,
-            plan: self.plan,
-            film: self.film,
-            schedule: &self.schedule,
-            seed: self.settings.seed,
-            policy: self.settings.policy,
-            done: &self.done,
-        };
+        let Session { scene, plan, film, settings, schedule, done, .. } = &*self;
+        // Checked when the session began.
+        let job = Job { scene, plan, film, schedule, seed: settings.seed, policy: settings.policy, done };
         let stats = watched(&self.done, watch, || execute(&self.pool, &job, self.tree, self.settings));
         self.stats.merge(&stats);
         self.elapsed += started.elapsed();

@@ -11,7 +11,7 @@ use std::marker::PhantomData;
 use std::ops::Range;
 use wavepath_kernels::generate::{Batch, Generate};
 use wavepath_kernels::intersect::{Accelerator, Intersect, RayClass, TraversalStack};
-use wavepath_kernels::isa::{Isa, Kernel};
+use wavepath_kernels::isa::{Isa, Kernel, Promise};
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::material_sort::{MaterialSort, Sorted, list};
 use wavepath_kernels::queue::{
@@ -35,15 +35,15 @@ pub const BATCHES: std::ops::RangeInclusive<usize> = 64..=MAX_BATCH;
 const PACKET: usize = 16;
 
 /// One worker of the engine.
-pub struct Worker<'a, P, A> {
+pub(crate) struct Worker<'a, P, A> {
     /// What is rendered.
-    pub job: &'a Job<'a>,
-    /// What rays are traced through.
-    pub accelerator: &'a A,
+    pub(crate) job: &'a Job<'a>,
+    /// What rays are traced through: a tree of the job's scene.
+    pub(crate) accelerator: &'a A,
     /// Paths in the pool.
-    pub batch: usize,
-    /// Features.
-    pub features: PhantomData<P>,
+    pub(crate) batch: usize,
+    /// Features: those of the job's plan, or more.
+    pub(crate) features: PhantomData<P>,
 }
 
 impl<P: Features, A: Accelerator> Kernel for Worker<'_, P, A> {
@@ -97,7 +97,7 @@ struct Pool<'a, P, A> {
 
 impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
     fn new(job: &'a Job<'a>, accelerator: &'a A, batch: usize) -> Self {
-        let requirements: Requirements = job.plan.requirements;
+        let requirements: Requirements = job.plan.requirements();
         // Slots must fit their bits beside the depth.
         let batch = batch.clamp(PACKET, MAX_BATCH);
         // Units end in any order: room for those that hold the paths, and as many with stragglers.
@@ -153,7 +153,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             let sorted = self.material_sort(isa);
             laps.lap(&mut self.stats, Stage::MaterialSort);
             self.light_met(isa, &sorted);
-            for &class in &self.job.plan.shade_kernels {
+            for &class in self.job.plan.shade_kernels() {
                 for (piece, coherent) in self.pieces(class, &sorted) {
                     self.shade(isa, class, piece);
                     laps.lap(&mut self.stats, Stage::Shade);
@@ -189,7 +189,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             }
             let from = self.free - count;
             isa.run(Generate::<P::Sampler> {
-                camera: &self.job.scene.camera,
+                camera: self.job.scene.camera(),
                 batch: Batch {
                     block: &self.job.film.blocks[open.unit.block],
                     image_width: self.job.film.image_width,
@@ -243,8 +243,8 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
 
     fn material_sort<I: Isa>(&mut self, isa: I) -> Sorted {
         isa.run(MaterialSort {
-            tags: &self.job.scene.geometry.tags,
-            max_depth: self.job.scene.max_depth,
+            tags: self.job.scene.geometry().tags(),
+            max_depth: self.job.scene.max_depth(),
             paths: &self.paths,
             hits: &self.hits,
             order: &mut self.order,
@@ -255,12 +255,14 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
     /// The light that paths met by themselves: the sky, and emitting surfaces.
     fn light_met<I: Isa>(&mut self, isa: I, sorted: &Sorted) {
         let scene = self.job.scene;
-        if self.job.plan.has_environment {
+        if self.job.plan.has_environment() {
             isa.run(Environment {
-                radiance: scene.environment,
+                radiance: scene.environment(),
                 list: &self.order.list[sorted.range(list::MISSED)],
                 paths: &self.paths,
                 slots: &mut self.slots,
+                // SAFETY: as for `shade`.
+                promise: unsafe { Promise::new() },
             });
         }
         if sorted.emitting > 0 {
@@ -271,6 +273,9 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
                 hits: &self.hits,
                 slots: &mut self.slots,
                 lights: PhantomData,
+                // SAFETY: as for `shade`; the sort wrote the keys. The plan is the scene's, and has densities where
+                // there are lights to sample.
+                promise: unsafe { Promise::new() },
             });
         }
         self.scattered.len = 0;
@@ -332,6 +337,9 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             order: &mut self.order,
             free,
             sampler: PhantomData,
+            // SAFETY: the queues are this pool's; all slots that were ever written come from `generate`, and the others
+            // are 0.
+            promise: unsafe { Promise::new() },
         });
         self.survivors = self.scattered.len;
         self.stats.bounce_rays += self.survivors as u64;
@@ -386,6 +394,10 @@ impl<I: Isa, P: Features, A: Accelerator> ForMaterial for ShadePiece<'_, '_, I, 
             scattered: &mut pool.scattered,
             shadows: &mut pool.shadows,
             kernel: PhantomData,
+            // SAFETY: the queues are the pool's, whose columns nobody replaces; the lists are those of `material_sort`,
+            // made of hits in a tree of this scene (see `Job::new`), and each holds primitives of its class; slots come
+            // from `generate`, with units of the pool; shadow rays fit as `pieces` are short.
+            promise: unsafe { Promise::new() },
         });
     }
 }

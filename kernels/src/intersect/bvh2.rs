@@ -1,78 +1,49 @@
-//! The tree as obvhs builds it, and obvhs' own traversal of it: the baseline.
+//! A binary tree, and obvhs' own traversal of it: the baseline.
 
-use super::{Accelerator, Hit, TraversalStack, bounds, test_round, test_triangle};
+use super::partition::{Partitioner, references};
+use super::{Accelerator, Hit, TraversalStack, test_round, test_triangle};
 use crate::intersect::triangle::ShearedRay;
 use crate::isa::Isa;
 use crate::lanes::Real;
 use crate::scene::{Geometry, MISS};
-use core::time::Duration;
 use glam::{Vec3A, vec3a};
-use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ray::{Ray, RayHit};
 
-/// Builds obvhs' binary tree (PLOC, then reinsertion) over all primitives, with at most `leaf` primitives a leaf.
-///
-/// Primitives with equal boxes enter as one and are told apart at the end: PLOC merges few of equal neighbours a pass,
-/// so that time and depth would grow with the square and the number of them.
-pub fn build(geometry: &Geometry, leaf: u32) -> Bvh2 {
-    let boxes: Vec<Aabb> = (0..geometry.primitives() as u32)
-        .map(|p| {
-            let (low, high) = bounds(geometry, p);
-            Aabb { min: Vec3A::from(low), max: Vec3A::from(high) }
-        })
-        .collect();
-    let key = |p: u32| {
-        let b = &boxes[p as usize];
-        [b.min.x, b.min.y, b.min.z, b.max.x, b.max.y, b.max.z].map(f32::to_bits)
-    };
-    let mut alike: Vec<u32> = (0..boxes.len() as u32).collect();
-    alike.sort_unstable_by_key(|&p| (key(p), p));
-    // Each group in the order of primitives, the groups in the order of their first.
-    let mut groups: Vec<&[u32]> = alike.chunk_by(|&a, &b| key(a) == key(b)).collect();
-    groups.sort_unstable_by_key(|group| group[0]);
-    let unique: Vec<Aabb> = groups.iter().map(|group| boxes[group[0] as usize]).collect();
-    let parameters = BvhBuildParams { max_prims_per_leaf: leaf, ..BvhBuildParams::medium_build() };
-    let mut tree = obvhs::bvh2::builder::build_bvh2(&unique, parameters, &mut Duration::default());
-    if unique.len() < boxes.len() {
-        expand(&mut tree, &groups, leaf as usize);
-    }
-    tree
-}
+/// Most primitives of a leaf.
+const MAX_LEAF: usize = 4;
 
-/// Puts the primitives of each group in place of its number, and halves leaves that have become too large.
-fn expand(tree: &mut Bvh2, groups: &[&[u32]], leaf: usize) {
-    let mut primitives = Vec::new();
-    let mut added_depth = 0;
-    for n in 0..tree.nodes.len() {
-        let node = tree.nodes[n];
-        if !node.is_leaf() {
+/// Builds a binary tree over all primitives.
+fn build(geometry: &Geometry) -> Bvh2 {
+    let (mut set, extent) = references(geometry, 1);
+    let partitioner = Partitioner::new(set.len(), 1);
+    let mut nodes = vec![Bvh2Node::default()];
+    let mut deepest = 0;
+    let mut pending = vec![(0, 0..set.len(), extent, 0)];
+    while let Some((node, places, extent, depth)) = pending.pop() {
+        deepest = deepest.max(depth);
+        let part = &mut set[places.clone()];
+        nodes[node] = Bvh2Node::new(extent.bounds, part.len() as u32, places.start as u32);
+        if part.len() <= MAX_LEAF {
             continue;
         }
-        let first = node.first_index as usize;
-        let begin = primitives.len();
-        for &group in &tree.primitive_indices[first..first + node.prim_count as usize] {
-            primitives.extend(groups[group as usize]);
-        }
-        let mut pending = vec![(n, begin..primitives.len(), 0)];
-        while let Some((n, range, depth)) = pending.pop() {
-            added_depth = depth.max(added_depth);
-            if range.len() <= leaf {
-                tree.nodes[n] = Bvh2Node::new(*node.aabb(), range.len() as u32, range.start as u32);
-                continue;
-            }
-            let children = tree.nodes.len();
-            tree.nodes.extend([node; 2]);
-            tree.nodes[n].make_inner(children as u32);
-            let middle = range.start + range.len() / 2;
-            pending.push((children, range.start..middle, depth + 1));
-            pending.push((children + 1, middle..range.end, depth + 1));
-        }
+        let (first, [left, right]) = partitioner.part(part, &extent, depth);
+        let middle = places.start + first;
+        let children = nodes.len();
+        nodes[node].make_inner(children as u32);
+        nodes.extend([Bvh2Node::default(); 2]);
+        pending.push((children, places.start..middle, left, depth + 1));
+        pending.push((children + 1, middle..places.end, right, depth + 1));
     }
-    tree.primitive_indices = primitives;
-    tree.max_depth += added_depth;
+    Bvh2 {
+        nodes,
+        primitive_indices: set.iter().map(|reference| reference.primitive).collect(),
+        // A traversal holds at most one node of each level, and both children of the last.
+        max_depth: deepest as usize + 2,
+        ..Bvh2::default()
+    }
 }
 
 /// obvhs' tree with the primitives in the order of its leaves.
@@ -114,7 +85,7 @@ fn inflate(tree: &mut Bvh2) {
 impl<'a> NaiveBvh<'a> {
     /// Builds the tree.
     pub fn new(geometry: &'a Geometry) -> Self {
-        let mut tree = if geometry.primitives() == 0 { Bvh2::default() } else { build(geometry, 4) };
+        let mut tree = if geometry.primitives() == 0 { Bvh2::default() } else { build(geometry) };
         inflate(&mut tree);
         let corners =
             tree.primitive_indices
@@ -128,6 +99,11 @@ impl<'a> NaiveBvh<'a> {
                 })
                 .collect();
         NaiveBvh { tree, geometry, corners }
+    }
+
+    /// Is this the tree of `geometry`, the very same?
+    pub fn is_of(&self, geometry: &Geometry) -> bool {
+        core::ptr::eq(self.geometry, geometry)
     }
 
     /// Walks the tree; `done` says after each primitive whether that was enough.

@@ -1,7 +1,7 @@
 //! Stage `intersect`: the closest hit of every path. And what all ray queries share: the test of one primitive, the
 //! rule for ties, the trees.
 //!
-//! Two trees over the same primitives, both from obvhs' builder: [`bvh2::NaiveBvh`] is walked by obvhs itself, one
+//! Two trees over the same primitives, both by the same builder: [`bvh2::NaiveBvh`] is binary and walked by obvhs, one
 //! ray at a time, and is what a good engineer writes first; [`bvh8::Bvh8`] is 8 wide and walked here.
 //!
 //! Of several primitives at the same distance the one with the lowest number is hit, in every tree: coincident faces
@@ -9,7 +9,7 @@
 
 pub mod bvh2;
 pub mod bvh8;
-pub mod quadric;
+mod partition;
 pub mod ray_sort;
 pub mod sphere;
 pub mod triangle;
@@ -54,15 +54,15 @@ impl Hit {
 #[derive(Clone, Debug, Default)]
 pub struct TraversalStack {
     /// Nodes to visit.
-    pub nodes: Vec<u32>,
+    pub(crate) nodes: Vec<u32>,
     /// The distance at which the ray enters them.
-    pub distances: Vec<f32>,
+    pub(crate) distances: Vec<f32>,
     /// Nodes to visit, and the distance at which each ray of some packets enters them.
-    pub packets: Vec<(u32, PacketDistances)>,
+    pub(crate) packets: Vec<(u32, PacketDistances)>,
     /// Nodes to visit, and the rays of some packets that enter them, a bit each.
-    pub lanes: Vec<(u32, u64)>,
+    pub(crate) lanes: Vec<(u32, u64)>,
     /// Puts rays in order.
-    pub sorter: RaySorter,
+    pub(crate) sorter: RaySorter,
 }
 
 /// A distance for each ray of as many packets as go together, whole cache lines.
@@ -289,14 +289,14 @@ pub fn test_triangle(corners: &[[f32; 3]; 3], primitive: u32, ray: &ShearedRay, 
 #[inline(always)]
 pub fn test_round(geometry: &Geometry, primitive: u32, origin: [f32; 3], direction: [f32; 3], hit: &mut Hit) {
     let t = if primitive < geometry.first_quadric() {
-        let [x, y, z, r] = geometry.spheres[(primitive - geometry.first_sphere()) as usize];
+        let [x, y, z, r] = geometry.spheres()[(primitive - geometry.first_sphere()) as usize];
         let (t, meets) = sphere::intersect::<f32>(origin, direction, [x, y, z], r, hit.t);
         if !meets {
             return;
         }
         t
     } else {
-        let quadric = &geometry.quadrics[(primitive - geometry.first_quadric()) as usize];
+        let quadric = &geometry.quadrics()[(primitive - geometry.first_quadric()) as usize];
         match quadric.intersect(origin, direction, hit.t) {
             Some(t) => t,
             None => return,
@@ -322,23 +322,15 @@ pub fn bounds(geometry: &Geometry, primitive: u32) -> ([f32; 3], [f32; 3]) {
     if primitive < geometry.first_sphere() {
         geometry.corners(primitive as usize).into_iter().for_each(add);
     } else if primitive < geometry.first_quadric() {
-        let [x, y, z, r] = geometry.spheres[(primitive - geometry.first_sphere()) as usize];
+        let [x, y, z, r] = geometry.spheres()[(primitive - geometry.first_sphere()) as usize];
         let r = r.abs();
         add([x - r, y - r, z - r]);
         add([x + r, y + r, z + r]);
     } else {
-        let quadric = &geometry.quadrics[(primitive - geometry.first_quadric()) as usize];
-        let (a, b) = quadric.object_bounds();
-        let m = quadric.object_from_world;
-        let object_from_world = glam::DAffine3::from_cols_array_2d(&core::array::from_fn(|c| {
-            core::array::from_fn(|r| m[r][c] as f64)
-        }));
-        let world_from_object = object_from_world.inverse();
-        for corner in 0..8 {
-            let pick = |k: usize| if corner >> k & 1 == 0 { a[k] } else { b[k] } as f64;
-            let p = world_from_object.transform_point3(glam::DVec3::new(pick(0), pick(1), pick(2)));
-            add([p.x as f32, p.y as f32, p.z as f32]);
-        }
+        let quadric = &geometry.quadrics()[(primitive - geometry.first_quadric()) as usize];
+        let (low, high) = quadric.bounds();
+        add(low);
+        add(high);
     }
     for k in 0..3 {
         let pad = 2.0 * f32::EPSILON * low[k].abs().max(high[k].abs());
@@ -496,13 +488,16 @@ impl<A: Accelerator> Intersect<'_, A> {
         let (rays, hits) = (self.paths, self.hits);
         let barycentric = !hits.u.is_empty();
         let n = self.range.len();
+        let [x, y, z] = [&rays.direction_x, &rays.direction_y, &rays.direction_z].map(Vec::len);
+        let [a, b, c] = [&rays.origin_x, &rays.origin_y, &rays.origin_z].map(Vec::len);
+        assert!(self.range.end <= x.min(y).min(z).min(a).min(b).min(c), "more rays than there are");
         // Hits are not known yet: their part of the column of primitives holds the keys.
         let keys = &mut hits.primitive[self.range.start..];
         self.stack.sorter.sort::<I::Wide>(rays, self.range, keys, self.order);
         let mut at = 0;
         while at < n {
             let (place, count) = list_lanes::<I::Wide>(&self.order[..n], at);
-            // SAFETY: the list holds places of rays.
+            // SAFETY: the list holds places in the range, all of which are rays.
             let packet = unsafe { rays.packet_of(place, count) };
             let [hit] = self.accelerator.closest_packets(isa, &[packet], self.stack);
             let (t, primitive) = (hit.t.to_array(), hit.primitive.to_array());

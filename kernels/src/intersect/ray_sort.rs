@@ -76,6 +76,10 @@ impl RaySorter {
         }
         let bucket = |key: u32| key as usize & ((1 << KEY_BITS) - 1);
         let keys = &keys[..range.len()];
+        if self.counts.is_empty() {
+            // A sorter that was not made for a tree.
+            self.counts = vec![0; 1 << KEY_BITS];
+        }
         let counts = &mut self.counts[..];
         counts.fill(0);
         for &key in keys {

@@ -50,9 +50,9 @@ mod x86_512;
 pub use portable::{Portable, PortableMask, PortableUint};
 pub use scalar::FusedF32;
 #[cfg(target_arch = "x86_64")]
-pub use x86::{F32x4, F32x8, M32x4, M32x8, U32x4, U32x8};
+pub(crate) use x86::{F32x4, F32x8};
 #[cfg(target_arch = "x86_64")]
-pub use x86_512::{F32x16, M16, U32x16};
+pub(crate) use x86_512::F32x16;
 
 /// One truth value a lane.
 pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {

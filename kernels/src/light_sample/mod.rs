@@ -1,10 +1,6 @@
 //! Stage `light_sample`: traces the rays towards lights and adds what the unblocked ones bring.
 //!
-//! The directions come from [`lights`]; the shade kernels draw and weigh them, because the weight needs the material.
-
-pub mod lights;
-
-pub use lights::LightTable;
+//! The directions come from [`crate::scene::lights`]; the shade kernels draw and weigh them, because the weight needs the material.
 
 use crate::intersect::{Accelerator, PACKET_BITS, RayPacket, TOGETHER, Traversal, TraversalStack};
 use crate::isa::{Isa, Kernel};

@@ -1,12 +1,12 @@
 //! Light that a path finds by itself: emitting surfaces.
 
-use super::{LightKinds, add_radiance, list_lanes};
-use crate::isa::{Isa, Kernel};
+use super::{add_radiance, list_lanes};
+use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Real, Uint};
-use crate::light_sample::lights::{LightRow, kind, pdf};
 use crate::material_sort::EMITS;
 use crate::math::{Rgb, Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, SlotTable};
+use crate::scene::lights::{LightKinds, pdf};
 use crate::scene::{PrimitiveTag, Scene};
 use crate::shade::surface::Surface;
 use core::marker::PhantomData;
@@ -28,15 +28,12 @@ pub unsafe fn emitted<F: Real, L: LightKinds>(
     pdf_bsdf: F,
 ) -> Rgb<F> {
     // SAFETY: the caller's promise.
-    let row = unsafe { LightRow::<F>::new(&scene.lights, light) };
+    let row = unsafe { scene.lights().row::<F>(light) };
     let radiance = row.emitted(normal, direction);
     if L::KINDS == 0 {
         return radiance;
     }
-    let pdf_light = match L::KINDS {
-        kind::SPHERE => pdf::<F, { kind::SPHERE }>(&row, origin, direction, t, normal),
-        _ => pdf::<F, { kind::ALL }>(&row, origin, direction, t, normal),
-    };
+    let pdf_light = pdf::<F, L>(&row, origin, direction, t, normal);
     let weight = power_heuristic(pdf_bsdf, pdf_light * row.probability());
     let specular = pdf_bsdf.eq(F::zero());
     let weighed = radiance.scale(F::select(specular, F::one(), weight));
@@ -44,7 +41,10 @@ pub unsafe fn emitted<F: Real, L: LightKinds>(
     Rgb::select(radiance.max_component().gt(F::zero()), weighed, Rgb::zero())
 }
 
-/// The kernel: adds the emitted radiance of the listed paths.
+/// The kernel: adds the emitted radiance of the paths whose key says that they met a light.
+///
+/// Promise: the queues are as long as their `new` made them; there is a path for each key, and where the key says so it
+/// has a hit on a primitive of the scene that emits; if `L` is not empty, paths have densities.
 pub struct Emission<'a, L> {
     /// Scene.
     pub scene: &'a Scene,
@@ -58,6 +58,8 @@ pub struct Emission<'a, L> {
     pub slots: &'a mut SlotTable,
     /// Lights that are sampled, too.
     pub lights: PhantomData<L>,
+    /// See there.
+    pub promise: Promise,
 }
 
 impl<L: LightKinds> Kernel for Emission<'_, L> {
@@ -119,9 +121,11 @@ unsafe fn emission_at<F: Real, L: LightKinds>(
         let direction =
             Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z));
         let t = real(&hits.t);
-        let surface =
-            Surface::new(&scene.geometry, primitive, origin, direction, t, || (real(&hits.u), real(&hits.v)));
-        let light = F::Uint::gather(&scene.geometry.tags, primitive) & F::Uint::splat(PrimitiveTag::ID_MASK);
+        let surface = Surface::new(scene.geometry(), primitive, origin, direction, t, || {
+            (real(&hits.u), real(&hits.v))
+        });
+        let light =
+            F::Uint::gather(scene.geometry().tags(), primitive) & F::Uint::splat(PrimitiveTag::ID_MASK);
         let pdf = if L::KINDS != 0 { real(&paths.pdf) } else { F::zero() };
         let emitted = emitted::<F, L>(scene, light, origin, direction, t, surface.normal, pdf);
         let throughput =

@@ -4,12 +4,14 @@
 //! samples it as well or better: it is found by BSDF sampling alone, with weight 1.
 
 use super::{add_radiance, list_lanes};
-use crate::isa::{Isa, Kernel};
+use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Real, Uint};
 use crate::math::Rgb;
 use crate::queue::{PathQueue, SLOT_BITS, SlotTable};
 
 /// The kernel: adds the sky to the listed paths.
+///
+/// Promise: the columns of the queue are as long as its `new` made them, and the list holds places of paths.
 pub struct Environment<'a> {
     /// Radiance of the sky.
     pub radiance: [f32; 3],
@@ -19,6 +21,8 @@ pub struct Environment<'a> {
     pub paths: &'a PathQueue,
     /// Receives the radiance.
     pub slots: &'a mut SlotTable,
+    /// See there.
+    pub promise: Promise,
 }
 
 impl Kernel for Environment<'_> {

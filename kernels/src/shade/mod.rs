@@ -18,31 +18,17 @@ pub mod rough_conductor;
 pub mod surface;
 pub mod thin_dielectric;
 
-use crate::isa::{Isa, Kernel};
+use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Mask, Real, Uint};
-use crate::light_sample::lights::{LightRow, choose, sample};
 use crate::math::{Frame, Rgb, Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable};
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
+use crate::scene::lights::{LightKinds, sample};
 use crate::scene::{PrimitiveTag, Scene};
 use bsdf::Bsdf;
 use core::marker::PhantomData;
 use materials::Material;
 use surface::Surface;
-
-/// Kinds of lights to sample, as a type: what a kernel that depends on nothing else is compiled for.
-pub trait LightKinds: Copy + Send + Sync + 'static {
-    /// Kinds ([`crate::light_sample::lights::kind`]), or more; 0: none, and no light sampling.
-    const KINDS: u32;
-}
-
-/// The kinds `KINDS`.
-#[derive(Clone, Copy, Debug)]
-pub struct Kinds<const KINDS: u32>;
-
-impl<const KINDS: u32> LightKinds for Kinds<KINDS> {
-    const KINDS: u32 = KINDS;
-}
 
 /// What the plan settled, as constants of the kernels: absent features cost nothing.
 ///
@@ -127,7 +113,7 @@ pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
     let frame = Frame::from_normal(normal);
     let wo_local = frame.to_local(wo);
 
-    let shadow = if P::LIGHTS != 0 && !B::SPECULAR {
+    let shadow = if P::LIGHTS != 0 && !B::SPECULAR && !scene.lights().is_empty() {
         light_ray::<F, B, P>(scene, vertex, bsdf, &frame, wo_local)
     } else {
         ShadowRay {
@@ -169,26 +155,20 @@ fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
     frame: &Frame<F>,
     wo_local: Vec3<F>,
 ) -> ShadowRay<F> {
-    let lights = &scene.lights;
+    let lights = scene.lights();
     let id = if lights.len() > 1 {
         let bits = P::Sampler::bits(vertex.stream, vertex_dimension(vertex.depth, dimension::LIGHT_CHOICE));
-        choose::<F>(lights, bits)
+        // SAFETY: there are lights.
+        unsafe { lights.choose(bits) }
     } else {
         F::Uint::splat(0)
     };
-    // SAFETY: `choose` returns lights that exist; light 0 exists, as `LIGHTS` is not 0.
-    let light = unsafe { LightRow::<F>::new(lights, id) };
+    // SAFETY: `choose` returns lights that exist; light 0 exists, as `scatter` asked.
+    let light = unsafe { lights.row::<F>(id) };
     let u = P::Sampler::two::<F>(vertex.stream, vertex_dimension(vertex.depth, dimension::LIGHT));
     // The same reference point as that of a BSDF ray on this side, so that both strategies speak of one density.
     let reference = vertex.surface.leave(-vertex.direction);
-    let towards = {
-        // Constants of the trait cannot be const arguments: the match is settled at compile time.
-        use crate::light_sample::lights::kind;
-        match P::LIGHTS {
-            kind::SPHERE => sample::<F, { kind::SPHERE }>(&light, reference, u),
-            _ => sample::<F, { kind::ALL }>(&light, reference, u),
-        }
-    };
+    let towards = sample::<F, P::Lights>(&light, reference, u);
     let wi_local = frame.to_local(towards.direction);
     let value = bsdf.eval(wo_local, wi_local);
     let pdf_light = towards.pdf * light.probability();
@@ -217,7 +197,7 @@ pub unsafe fn material_of<U: Uint>(scene: &Scene, tag: U) -> U {
     let emits = !(tag & U::splat(PrimitiveTag::EMITS)).eq(U::splat(0));
     if emits.any() {
         // SAFETY: emitting lanes hold the number of a light; the others read light 0, which then exists.
-        let of_light = unsafe { U::gather(&scene.lights.materials, U::select(emits, id, U::splat(0))) };
+        let of_light = unsafe { scene.lights().material(U::select(emits, id, U::splat(0))) };
         U::select(emits, of_light, id)
     } else {
         id
@@ -225,6 +205,10 @@ pub unsafe fn material_of<U: Uint>(scene: &Scene, tag: U) -> U {
 }
 
 /// The kernel: scatters the paths of one class.
+///
+/// Promise: the queues are as long as their `new` made them; `list` holds places of `paths`, each of which has a hit on a
+/// primitive of the scene whose tag is of the class `M`; their slots are below the capacity of `slots`, and hold places
+/// of units that have an entry in `first_sample`; if `P` samples lights, `shadows` has room for the list.
 pub struct Shade<'a, M, P> {
     /// Scene.
     pub scene: &'a Scene,
@@ -244,6 +228,8 @@ pub struct Shade<'a, M, P> {
     pub shadows: &'a mut ShadowQueue,
     /// Material and features.
     pub kernel: PhantomData<(M, P)>,
+    /// See there.
+    pub promise: Promise,
 }
 
 impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
@@ -303,14 +289,14 @@ fn shade<F: Real, M: Material, P: Features>(
             let direction =
                 Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z));
             let surface = Surface::new(
-                &scene.geometry,
+                scene.geometry(),
                 primitive,
                 Vec3::new(real(&paths.origin_x), real(&paths.origin_y), real(&paths.origin_z)),
                 direction,
                 real(&hits.t),
                 || (real(&hits.u), real(&hits.v)),
             );
-            let tag = F::Uint::gather(&scene.geometry.tags, primitive);
+            let tag = F::Uint::gather(scene.geometry().tags(), primitive);
             let material = material_of(scene, tag);
             let vertex = Vertex {
                 surface,
@@ -324,7 +310,7 @@ fn shade<F: Real, M: Material, P: Features>(
                 stream: slots.stream(first_sample, slot),
                 depth: slot_depth.shr::<SLOT_BITS>(),
             };
-            (vertex, M::bsdf(scene.materials.evaluate::<M, F>(material)), slot)
+            (vertex, M::bsdf(scene.materials().evaluate::<M, F>(material)), slot)
         };
         let out = scatter::<F, M::Bsdf<F>, P>(scene, &vertex, &bsdf);
 

@@ -2,7 +2,7 @@
 
 use crate::lanes::{Mask, Real, Uint, map3};
 use crate::math::Vec3;
-use crate::scene::{Geometry, QuadricForm};
+use crate::scene::Geometry;
 
 /// A point on a surface.
 #[derive(Clone, Copy)]
@@ -39,7 +39,7 @@ impl<F: Real> Surface<F> {
         let first = primitive.shl::<2>();
         // SAFETY: `surfaces` holds four numbers for every primitive.
         let (a, b) = unsafe {
-            let at = |k: u32| F::gather(&geometry.surfaces, first + F::Uint::splat(k));
+            let at = |k: u32| F::gather(geometry.surfaces(), first + F::Uint::splat(k));
             (Vec3::new(at(0), at(1), at(2)), at(3))
         };
         let triangle = primitive.lt(F::Uint::splat(geometry.first_sphere()));
@@ -57,21 +57,20 @@ impl<F: Real> Surface<F> {
             let of_sphere = a.x.abs().max(a.y.abs()).max(a.z.abs()).max(b.abs());
             size = F::select(triangle, size, of_sphere);
         }
-        if !geometry.quadrics.is_empty() {
+        if !geometry.quadrics().is_empty() {
             let quadric = !primitive.lt(F::Uint::splat(geometry.first_quadric()));
             if quadric.any() {
                 (point, normal, size) = on_quadrics(geometry, quadric, primitive, raw, (point, normal, size));
             }
         }
         let mut shading_normal = normal;
-        if geometry.smooth_triangles != 0 {
-            let smooth = primitive.lt(F::Uint::splat(geometry.smooth_triangles as u32));
+        if geometry.smooth_triangles() != 0 {
+            let smooth = primitive.lt(F::Uint::splat(geometry.smooth_triangles() as u32));
             if smooth.any() {
                 let (u, v) = barycentric();
                 // Lanes without vertex normals read those of triangle 0.
                 let triangle = F::Uint::select(smooth, primitive, F::Uint::splat(0));
-                // SAFETY: the first `smooth_triangles` triangles have three normals each, whose numbers were
-                // checked when the scene was built.
+                // SAFETY: the first `smooth_triangles` triangles have three normals each, which exist.
                 let n = unsafe { interpolated_normal(geometry, triangle, u, v) };
                 shading_normal = Vec3::select(smooth, n, normal);
             }
@@ -93,14 +92,14 @@ impl<F: Real> Surface<F> {
 /// Unit normal between those of the corners.
 ///
 /// # Safety
-/// Every lane of `triangle` is below `geometry.smooth_triangles`, whose normals exist.
+/// Every lane of `triangle` is below `geometry.smooth_triangles()`, whose normals exist.
 #[inline(always)]
 unsafe fn interpolated_normal<F: Real>(geometry: &Geometry, triangle: F::Uint, u: F, v: F) -> Vec3<F> {
     let first = triangle * F::Uint::splat(3);
     // SAFETY: the caller's promise.
     let [a, b, c] = map3!([0, 1, 2], |k| unsafe {
-        let n = F::Uint::gather(&geometry.triangle_normals, first + F::Uint::splat(k)) * F::Uint::splat(3);
-        let [x, y, z] = map3!([0, 1, 2], |c| F::gather(&geometry.normals, n + F::Uint::splat(c)));
+        let n = F::Uint::gather(geometry.triangle_normals(), first + F::Uint::splat(k)) * F::Uint::splat(3);
+        let [x, y, z] = map3!([0, 1, 2], |c| F::gather(geometry.normals(), n + F::Uint::splat(c)));
         Vec3::new(x, y, z)
     });
     let w = F::one() - u - v;
@@ -123,7 +122,7 @@ fn on_quadrics<F: Real>(
     let mut s = size.to_array();
     let r = [raw.x.to_array(), raw.y.to_array(), raw.z.to_array()];
     for i in (0..F::LANES).filter(|i| lanes.bits() >> i & 1 == 1) {
-        let quadric = &geometry.quadrics[(ids[i] - geometry.first_quadric()) as usize];
+        let quadric = &geometry.quadrics()[(ids[i] - geometry.first_quadric()) as usize];
         let (point, normal, size) = quadric.surface([r[0][i], r[1][i], r[2][i]]);
         for axis in 0..3 {
             p[axis][i] = point[axis];
@@ -133,34 +132,4 @@ fn on_quadrics<F: Real>(
     }
     let vector = |a: &[[f32; 16]; 3]| Vec3::new(F::load(&a[0], 0), F::load(&a[1], 0), F::load(&a[2], 0));
     (vector(&p), vector(&n), F::load(&s, 0))
-}
-
-impl crate::scene::Quadric {
-    /// The point of the surface nearest to `p` (which is near), its oriented unit normal, and the largest number that
-    /// entered.
-    pub fn surface(&self, p: [f32; 3]) -> ([f32; 3], [f32; 3], f32) {
-        let m = self.object_from_world.map(|row| row.map(f64::from));
-        let q = p.map(f64::from);
-        let local: [f64; 3] =
-            core::array::from_fn(|i| m[i][0] * q[0] + m[i][1] * q[1] + m[i][2] * q[2] + m[i][3]);
-        // Implicit surface g(local) = 0 with its gradient; the world gradient is the transposed matrix times it.
-        let (g, gradient) = match self.form {
-            QuadricForm::Sphere { radius, .. } => {
-                let r = radius as f64;
-                let l2 = local.iter().map(|x| x * x).sum::<f64>();
-                (0.5 * (l2 - r * r), local)
-            }
-            QuadricForm::Disk { height, .. } => (local[2] - height as f64, [0.0, 0.0, 1.0]),
-        };
-        let world: [f64; 3] = core::array::from_fn(|k| (0..3).map(|i| m[i][k] * gradient[i]).sum());
-        let length2 = world.iter().map(|x| x * x).sum::<f64>();
-        // One Newton step onto the surface, along the normal.
-        let step = if length2 > 0.0 { g / length2 } else { 0.0 };
-        let point = core::array::from_fn(|k| (q[k] - step * world[k]) as f32);
-        let sign = if self.flip_normal { -1.0 } else { 1.0 };
-        let normal = world.map(|x| (sign * x / length2.sqrt()) as f32);
-        let c = self.centre;
-        let size = (0..3).map(|k| c[k].abs().max((p[k] - c[k]).abs())).fold(0.0, f32::max);
-        (point, normal, size)
-    }
 }

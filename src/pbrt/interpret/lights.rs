@@ -9,15 +9,17 @@ use glam::DVec3;
 
 use crate::pbrt::error::{Problem, Result, Span};
 use crate::pbrt::graphics_state::AreaLight;
+use crate::pbrt::lexer::shorten;
 use crate::pbrt::parameters::{ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::spectra::Rgb64;
 use crate::scene::{Emission, Light};
+use wavepath_kernels::scene::lights::goniometric;
 
 use super::values::rgb32;
 use super::{Builder, unknown_kind, unsupported_kind};
 
-const KNOWN: [&str; 4] = ["infinite", "point", "spot", "distant"];
+const KNOWN: [&str; 5] = ["infinite", "point", "spot", "distant", "goniometric"];
 
 impl Builder {
     /// `AreaLightSource`: the emission of the following shapes.
@@ -47,13 +49,14 @@ impl Builder {
             "point" => self.point(parameters, span)?,
             "spot" => self.spot(parameters, span)?,
             "distant" => self.distant(parameters, span)?,
-            "projection" | "goniometric" => return Err(unsupported_kind("light", kind, &KNOWN)),
+            "goniometric" => self.goniometric(parameters, span)?,
+            "projection" => return Err(unsupported_kind("light", kind, &KNOWN)),
             _ => return Err(unknown_kind("light", kind, &KNOWN)),
         };
         parameters.accept(&["samples", "nsamples"]);
         self.check_unused(parameters, &format!("light \"{}\"", kind.text))?;
         // A dark light would be sampled in vain.
-        if !is_dark(&light) {
+        if light.colour() != [0.0; 3] {
             self.scene.lights.push(light);
         }
         Ok(())
@@ -126,6 +129,39 @@ impl Builder {
         })
     }
 
+    /// pbrt's light with a pattern, around the z axis of its space. The pattern comes from no picture yet: `"string
+    /// pattern" "batwing"`, of this program alone, is built in.
+    fn goniometric(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
+        for name in ["filename", "mapname"] {
+            refuse(parameters, name, "pictures on goniometric lights are not supported yet")?;
+        }
+        match parameters.string("pattern")? {
+            Some("batwing") => {}
+            Some(other) => {
+                return Err(parameters.bad(
+                    "pattern",
+                    &format!("\"{}\"", shorten(other)),
+                    "expected \"batwing\"",
+                ));
+            }
+            None => {
+                return Err(Problem::at(span, "a goniometric light without a pattern")
+                    .label("expected \"string pattern\" \"batwing\""));
+            }
+        }
+        let factor = positive(parameters, "power")?.map_or(1.0, |power| power / goniometric::INTEGRAL);
+        let intensity = self.light_color(parameters, "I")?.map(|c| c * factor);
+        let axis = self.static_ctm(span)?.transform_vector3(DVec3::Z).try_normalize().ok_or_else(|| {
+            Problem::at(span, "the light has no direction")
+                .label("its transform leaves nothing of the z axis")
+        })?;
+        Ok(Light::Goniometric {
+            intensity: rgb32(intensity, parameters, "I")?,
+            position: self.world_point([0.0; 3], span)?,
+            axis,
+        })
+    }
+
     fn distant(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
         let (_, direction) = self.aim(parameters, span)?;
         let factor = positive(parameters, "illuminance")?.unwrap_or(1.0);
@@ -151,13 +187,6 @@ impl Builder {
             return Ok(position);
         }
         Err(Problem::at(span, "the light is too far away").label("expected coordinates below 3e38"))
-    }
-}
-
-fn is_dark(light: &Light) -> bool {
-    match light {
-        Light::Infinite { radiance } | Light::Distant { radiance, .. } => *radiance == [0.0; 3],
-        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => *intensity == [0.0; 3],
     }
 }
 

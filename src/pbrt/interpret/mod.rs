@@ -17,7 +17,7 @@ use std::rc::Rc;
 
 use glam::DAffine3;
 
-use crate::scene::{Filter, Light, Material, Parameter, SceneDescription};
+use crate::scene::{Filter, Material, Parameter, SceneDescription};
 
 use super::dialect::Dialect;
 use super::error::{Place, Problem, Result, Span};
@@ -496,10 +496,7 @@ impl Builder {
             }
         }
         for light in &mut self.scene.lights {
-            match light {
-                Light::Infinite { radiance } | Light::Distant { radiance, .. } => apply(radiance),
-                Light::Point { intensity, .. } | Light::Spot { intensity, .. } => apply(intensity),
-            }
+            apply(light.colour_mut());
         }
         if !finite {
             return Err(Problem::new(Place::Nowhere, "a light is too bright")

@@ -98,6 +98,7 @@ impl Builder {
             resolution,
             pixel_bounds: self.pixel_bounds(parameters, resolution)?,
             filename: parameters.string("filename")?.map(str::to_string),
+            half: parameters.bool_or("savefp16", false)?,
         };
         self.exposure(parameters)?;
         for limit in ["maxcomponentvalue", "maxsampleluminance"] {
@@ -109,8 +110,8 @@ impl Builder {
                 ));
             }
         }
-        // Sizes in millimetres matter to realistic cameras only; half precision is a property of the file.
-        parameters.accept(&["diagonal", "savefp16", "coordinatesystem"]);
+        // Sizes in millimetres matter to realistic cameras only.
+        parameters.accept(&["diagonal", "coordinatesystem"]);
         self.check_unused(parameters, &format!("film \"{}\"", name.text))
     }
 

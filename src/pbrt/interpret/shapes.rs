@@ -16,19 +16,10 @@ use crate::scene::{Emission, Geometry, MaterialId, Mesh, MeshId, Shape};
 
 use super::{Builder, unknown_kind, unsupported_kind};
 
-const KNOWN: [&str; 5] = ["sphere", "disk", "trianglemesh", "plymesh", "bilinearmesh"];
+const KNOWN: [&str; 6] = ["sphere", "disk", "cylinder", "trianglemesh", "plymesh", "bilinearmesh"];
 
-const UNSUPPORTED: [&str; 9] = [
-    "cylinder",
-    "cone",
-    "curve",
-    "loopsubdiv",
-    "paraboloid",
-    "hyperboloid",
-    "heightfield",
-    "heightfield2",
-    "nurbs",
-];
+const UNSUPPORTED: [&str; 8] =
+    ["cone", "curve", "loopsubdiv", "paraboloid", "hyperboloid", "heightfield", "heightfield2", "nurbs"];
 
 /// Most triangles of a scene: their handles are 32 bits, one of which is wanted for other ends.
 const MAX_TRIANGLES: u64 = (1 << 31) - 1;
@@ -51,6 +42,7 @@ enum Source {
     Mesh(Rc<SourceMesh>),
     Sphere { radius: f64, z_min: f64, z_max: f64, phi_max: f64 },
     Disk { height: f64, radius: f64, inner_radius: f64, phi_max: f64 },
+    Cylinder { radius: f64, z_min: f64, z_max: f64, phi_max: f64 },
 }
 
 /// A shape with everything that the state gave it.
@@ -117,6 +109,7 @@ impl Builder {
         let source = match kind.text.as_str() {
             "sphere" => sphere(parameters)?,
             "disk" => disk(parameters)?,
+            "cylinder" => cylinder(parameters)?,
             "trianglemesh" => triangle_mesh(parameters, span)?,
             "plymesh" => self.ply_mesh(parameters, span)?,
             "bilinearmesh" => self.bilinear_mesh(parameters, span)?,
@@ -200,6 +193,15 @@ impl Builder {
                 let [height, radius, inner_radius, phi_max] = [*height, *radius, *inner_radius, *phi_max];
                 (
                     Geometry::Disk { world_from_object: transform, height, radius, inner_radius, phi_max },
+                    flip_quadric,
+                )
+            }
+            Source::Cylinder { radius, z_min, z_max, phi_max } => {
+                check_size(&transform, radius.max(z_min.abs()).max(z_max.abs()), span)?;
+                self.totals.add(0, 0, span)?;
+                let [radius, z_min, z_max, phi_max] = [*radius, *z_min, *z_max, *phi_max];
+                (
+                    Geometry::Cylinder { world_from_object: transform, radius, z_min, z_max, phi_max },
                     flip_quadric,
                 )
             }
@@ -384,6 +386,22 @@ fn disk(parameters: &Parameters) -> Result<Source> {
         ));
     }
     Ok(Source::Disk { height, radius, inner_radius, phi_max: phi_max(parameters)? })
+}
+
+fn cylinder(parameters: &Parameters) -> Result<Source> {
+    let radius = parameters.positive_or("radius", 1.0)?;
+    let a = parameters.float_or("zmin", -1.0)?;
+    let b = parameters.float_or("zmax", 1.0)?;
+    let (z_min, z_max) = (a.min(b), a.max(b));
+    // Single precision is what the shape is kept in.
+    if z_min as f32 >= z_max as f32 {
+        return Err(parameters.bad(
+            "zmin",
+            &a.to_string(),
+            "expected zmin below zmax: nothing is left of the cylinder",
+        ));
+    }
+    Ok(Source::Cylinder { radius, z_min, z_max, phi_max: phi_max(parameters)? })
 }
 
 fn phi_max(parameters: &Parameters) -> Result<f64> {

@@ -12,7 +12,7 @@ use exr::prelude::{Blocks, SmallVec, WritableImage};
 
 use super::*;
 use crate::atomic_file::TestFolder;
-use crate::picture::{Channel, Samples, write};
+use crate::picture::{self, Channel, Samples, read_layers, write, write_encoded};
 
 fn channel(name: &str, samples: FlatSamples) -> AnyChannel<FlatSamples> {
     AnyChannel::new(name, samples)
@@ -42,7 +42,7 @@ fn file_of(layers: Vec<Layer<AnyChannels<FlatSamples>>>) -> Vec<u8> {
 }
 
 fn decode_bytes(bytes: &[u8]) -> Result<Image, String> {
-    decode(Cursor::new(bytes), bytes.len() as u64)
+    decode(Cursor::new(bytes), bytes.len() as u64, false)
 }
 
 fn rgb(scale: f32, count: usize) -> Vec<AnyChannel<FlatSamples>> {
@@ -72,15 +72,28 @@ fn what_was_written_is_read_with_window_and_metadata() {
         report: Some("{\"spp\": 4, \"scene\": \"a\\\"b\"}".into()),
         software: None,
         owner: Some("Zoë".into()),
+        comments: Some("no comment".into()),
+        capture_date: Some("2026:01:02 03:04:05".into()),
+        samples_per_pixel: Some(64),
+        render_time_seconds: Some(1.5),
+        world_to_camera: Some(std::array::from_fn(|i| i as f32)),
+        world_to_ndc: Some(std::array::from_fn(|i| -(i as f32))),
     };
     write(&path, &image, 3.0).unwrap();
-    let read = super::read(&path).unwrap();
+    let read = crate::picture::read(&path).unwrap();
     let bits =
         |image: &Image| -> Vec<_> { image.pixels.iter().map(|pixel| pixel.map(f32::to_bits)).collect() };
     assert_eq!(bits(&read), bits(&image));
     assert_eq!(read.window, image.window);
     assert_eq!(read.metadata.report, image.metadata.report);
     assert_eq!(read.metadata.owner.as_deref(), Some("Zo?"));
+    let typed = |image: &Image| {
+        let Metadata { comments, capture_date, samples_per_pixel, render_time_seconds, .. } =
+            image.metadata.clone();
+        let matrices = (image.metadata.world_to_camera, image.metadata.world_to_ndc);
+        (comments, capture_date, samples_per_pixel, render_time_seconds, matrices)
+    };
+    assert_eq!(typed(&read), typed(&image));
     assert!(read.metadata.software.unwrap().starts_with("wavepath "));
     assert_eq!(folder.names(), ["a.exr"]);
 }
@@ -96,7 +109,7 @@ fn further_channels_reach_the_file_and_do_not_disturb_the_colours() {
         Channel { name: "A".into(), samples: Samples::Float(vec![1.0; 4]) },
     ];
     write(&path, &image, 0.0).unwrap();
-    assert_eq!(super::read(&path).unwrap().pixels, image.pixels);
+    assert_eq!(crate::picture::read(&path).unwrap().pixels, image.pixels);
 
     let file = exr::prelude::read_first_flat_layer_from_file(&path).unwrap();
     let samples = |name: &str| {
@@ -276,5 +289,31 @@ fn damaged_files_never_abort() {
             }
             let _ = contain_panics(|| decode_bytes(&damaged));
         }
+    }
+}
+
+#[test]
+fn half_keeps_what_is_finite_and_every_compression_keeps_the_rest() {
+    let folder = TestFolder::new("exr-half");
+    let path = folder.file("a.exr");
+    let mut image = Image::new(40, 33, (0..40 * 33).map(|i| [i as f32, 0.1, 1e6]).collect());
+    image.pixels[0] = [f32::INFINITY, -1e9, f32::NAN];
+    image.channels.push(Channel { name: "stderr.R".into(), samples: Samples::Float(vec![0.5; 40 * 33]) });
+    image.channels.push(Channel { name: "samples".into(), samples: Samples::Uint(vec![70_000; 40 * 33]) });
+    use picture::Compression;
+    for compression in
+        [Compression::None, Compression::Rle, Compression::Zips, Compression::Zip, Compression::Piz]
+    {
+        let encoding = picture::Encoding { half: true, compression, ..Default::default() };
+        write_encoded(&path, &image, &encoding).unwrap();
+        let read = read_layers(&path).unwrap();
+        assert_eq!(read.pixels[7], [7.0, 0.099_975_586, 65_504.0], "{compression:?}");
+        assert_eq!(read.pixels[0][..2], [f32::INFINITY, -65_504.0]);
+        assert!(read.pixels[0][2].is_nan());
+        // In the order of the file.
+        assert_eq!(read.channels[0].samples, Samples::Uint(vec![70_000; 40 * 33]));
+        assert_eq!((read.channels[1].name.as_str(), read.channels.len()), ("stderr.R", 2));
+        write_encoded(&path, &image, &picture::Encoding { compression, ..Default::default() }).unwrap();
+        assert_eq!(read_layers(&path).unwrap().pixels[7], image.pixels[7]);
     }
 }

@@ -119,7 +119,7 @@ const TWO_64: f64 = 18_446_744_073_709_551_616.0;
 /// Where a pixel of a block is in a plane.
 #[inline(always)]
 fn place(block: &PixelBlock, pixel: usize) -> usize {
-    block.rows[pixel] as usize * BLOCK_SIDE + block.columns[pixel] as usize
+    block.rows()[pixel] as usize * BLOCK_SIDE + block.columns()[pixel] as usize
 }
 
 /// How far a neighbourhood reaches, in pixels; it ends with the block.

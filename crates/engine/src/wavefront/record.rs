@@ -1,18 +1,19 @@
 //! Records what the stages of a round are given, so that each can be run again by itself: for benches and for whoever
 //! wants to look at the queues of a real scene.
 
-use super::super::{Job, Planned};
+use super::super::{EngineKind, Job, Planned, SamplerKind, Settings};
 use super::Pool;
+use crate::session::SessionError;
 use std::marker::PhantomData;
 use std::ops::{ControlFlow, Range};
 use wavepath_kernels::intersect::RayClass;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::isa::{Isa, Kernel, Level};
-use wavepath_kernels::light_sample::lights::kind;
 use wavepath_kernels::material_sort::{Sorted, list};
 use wavepath_kernels::queue::{HitQueue, OrderLists, PathQueue, ShadowQueue, SlotTable};
 use wavepath_kernels::sampler::Sobol;
 use wavepath_kernels::scene::MaterialClass;
+use wavepath_kernels::scene::lights::{AllLights, NoLights};
 use wavepath_kernels::shade::Features;
 
 /// The queues of one round, each as the first stage that reads it found it.
@@ -58,6 +59,9 @@ impl Round {
 /// nothing left to do.
 ///
 /// The numbers are [`Sobol`]'s. Not generic, and only over kernels that a render needs anyway: it costs no build time.
+///
+/// # Errors
+/// [`SessionError`] if the tree is not of the job's scene, or there are too few or too many paths.
 #[inline(never)]
 pub fn record(
     job: &Job,
@@ -65,14 +69,21 @@ pub fn record(
     batch: usize,
     level: Level,
     each: &mut dyn FnMut(Round) -> ControlFlow<()>,
-) {
-    if job.plan.light_kinds == 0 {
-        let features = PhantomData::<Planned<Sobol, 0>>;
+) -> Result<(), SessionError> {
+    if !accelerator.is_of(job.scene.geometry()) {
+        return Err(SessionError::Foreign { what: "tree", of: "another scene" });
+    }
+    let (engine, sampler, policy) = (EngineKind::Wavefront, SamplerKind::Sobol, job.policy);
+    Settings { engine, sampler, threads: 1, seed: job.seed, batch, level, policy, adaptive: false }
+        .check()?;
+    if job.plan.light_kinds() == 0 {
+        let features = PhantomData::<Planned<Sobol, NoLights>>;
         level.run(Record { job, accelerator, batch, each, features });
     } else {
-        let features = PhantomData::<Planned<Sobol, { kind::ALL }>>;
+        let features = PhantomData::<Planned<Sobol, AllLights>>;
         level.run(Record { job, accelerator, batch, each, features });
     }
+    Ok(())
 }
 
 struct Record<'r, 'a, P> {
@@ -111,9 +122,9 @@ impl<P: Features> Pool<'_, P, Bvh8<'_>> {
         let sorted = self.material_sort(isa);
         let order = self.order.clone();
         self.light_met(isa, &sorted);
-        let mut shadows = ShadowQueue::new(self.paths.capacity(), self.job.plan.requirements);
+        let mut shadows = ShadowQueue::new(self.paths.capacity(), self.job.plan.requirements());
         let mut shadow_runs = Vec::new();
-        for &class in &self.job.plan.shade_kernels {
+        for &class in self.job.plan.shade_kernels() {
             for (piece, coherent) in self.pieces(class, &sorted) {
                 self.shade(isa, class, piece);
                 if P::LIGHTS != 0 && self.shadows.len > 0 {

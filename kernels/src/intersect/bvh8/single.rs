@@ -1,6 +1,6 @@
 //! One ray at a time: eight boxes, then four triangles, in one step each.
 
-use super::{BLOCK, Bvh8, Child, WIDTH};
+use super::{BLOCK, Bvh8, Child, LeafKind, WIDTH};
 use crate::intersect::bvh2::{beyond, inverse};
 use crate::intersect::triangle::{self, ShearedRay};
 use crate::intersect::{Hit, TraversalStack, test_round};
@@ -74,7 +74,7 @@ impl Bvh8<'_> {
         if self.nodes.is_empty() {
             return hit;
         }
-        assert!(stack.nodes.len() >= self.stack && stack.distances.len() >= self.stack);
+        self.fit(stack, 1);
         let mut ray = Walk::new(start, origin, direction, hit);
         let waiting = Waiting { nodes: stack.nodes.as_mut_ptr(), distances: stack.distances.as_mut_ptr() };
         // SAFETY: the stack has room for `self.stack` entries.
@@ -164,11 +164,14 @@ impl Bvh8<'_> {
         direction: [f32; 3],
         hit: &mut Hit,
     ) {
-        if leaf.0 & Child::ROUND != 0 {
-            for place in leaf.range() {
-                test_round(self.geometry, self.round[place], origin, direction, hit);
+        match leaf.kind() {
+            LeafKind::Blocks => {}
+            LeafKind::Others => {
+                for place in leaf.range() {
+                    test_round(self.geometry, self.round[place], origin, direction, hit);
+                }
+                return;
             }
-            return;
         }
         for place in leaf.range() {
             // SAFETY: leaves hold numbers of blocks, and axes are below 3.

@@ -6,7 +6,7 @@
 use super::bounds::Bounds;
 use super::{Meet, Prepared};
 use crate::intersect::bvh2::beyond;
-use crate::intersect::bvh8::{Block, Bvh8, Child};
+use crate::intersect::bvh8::{Block, Bvh8, Child, LeafKind};
 use crate::intersect::triangle::TriangleHits;
 use crate::intersect::{Hit, PACKET_BITS, RayPacket, TraversalStack};
 use crate::isa::Isa;
@@ -49,7 +49,7 @@ impl Bvh8<'_> {
         }
         let bounds = Bounds::new(&packets);
         let (near, reach) = (bounds.near(), furthest.largest());
-        assert!(stack.lanes.len() >= self.stack);
+        self.fit(stack, 1);
         let waiting = stack.lanes.as_mut_ptr();
         let mut held = 0usize;
         // Rays that have met nothing, and those of them that are in the current node.
@@ -125,18 +125,21 @@ impl Bvh8<'_> {
         let mut free = rays;
         for place in leaf.range() {
             let mask = <I::Wide as Real>::Mask::from_bits(free);
-            if leaf.0 & Child::ROUND != 0 {
-                let (t, met) = self.round_lanes::<I>(packet, self.round[place], mask);
-                free &= !(met & t.le(distance)).bits();
-            } else {
-                // SAFETY: leaves hold numbers of blocks.
-                let block = unsafe { self.blocks.get_unchecked(place) };
-                let triangles = block.triangles();
-                if let Some(axis) = packet.few(mask.count(), triangles) {
-                    packet.block(block, axis, mask, distance, &mut Free(&mut free));
-                } else {
-                    for lane in 0..triangles {
-                        free &= !packet.triangle(block, lane, distance).hit.bits();
+            match leaf.kind() {
+                LeafKind::Others => {
+                    let (t, met) = self.round_lanes::<I>(packet, self.round[place], mask);
+                    free &= !(met & t.le(distance)).bits();
+                }
+                LeafKind::Blocks => {
+                    // SAFETY: leaves hold numbers of blocks.
+                    let block = unsafe { self.blocks.get_unchecked(place) };
+                    let triangles = block.triangles();
+                    if let Some(axis) = packet.few(mask.count(), triangles) {
+                        packet.block(block, axis, mask, distance, &mut Free(&mut free));
+                    } else {
+                        for lane in 0..triangles {
+                            free &= !packet.triangle(block, lane, distance).hit.bits();
+                        }
                     }
                 }
             }

@@ -3,7 +3,7 @@
 use super::bounds::Bounds;
 use super::{Meet, Prepared};
 use crate::intersect::bvh2::beyond;
-use crate::intersect::bvh8::{BLOCK, Block, Bvh8, Child, EMPTY};
+use crate::intersect::bvh8::{BLOCK, Block, Bvh8, Child, EMPTY, LeafKind};
 use crate::intersect::triangle::TriangleHits;
 use crate::intersect::{Hit, PacketHit, RayPacket, TraversalStack};
 use crate::isa::Isa;
@@ -65,7 +65,7 @@ impl Bvh8<'_> {
         let near = bounds.near();
         // The largest of them.
         let mut reach = f32::INFINITY;
-        assert!(stack.packets.len() >= self.stack);
+        self.fit(stack, 1);
         let waiting = stack.packets.as_mut_ptr();
         let mut held = 0usize;
         let mut current = Child(0);
@@ -159,13 +159,16 @@ impl Bvh8<'_> {
         mut best: Best<I::Wide>,
     ) {
         let (zero, far) = (I::Wide::zero(), I::Wide::lit(f64::INFINITY));
-        if leaf.0 & Child::ROUND != 0 {
-            for place in leaf.range() {
-                let primitive = self.round[place];
-                let (t, met) = self.round_lanes::<I>(packet, primitive, rays);
-                best.keep(primitive, t, zero, zero, met & packet.active);
+        match leaf.kind() {
+            LeafKind::Blocks => {}
+            LeafKind::Others => {
+                for place in leaf.range() {
+                    let primitive = self.round[place];
+                    let (t, met) = self.round_lanes::<I>(packet, primitive, rays);
+                    best.keep(primitive, t, zero, zero, met & packet.active);
+                }
+                return;
             }
-            return;
         }
         for place in leaf.range() {
             // SAFETY: leaves hold numbers of blocks.

@@ -230,7 +230,7 @@ impl Bvh8<'_> {
         if primitive >= self.geometry.first_quadric() {
             return self.quadric_lanes::<I>(packet, primitive, rays.bits());
         }
-        let [x, y, z, r] = self.geometry.spheres[(primitive - self.geometry.first_sphere()) as usize];
+        let [x, y, z, r] = self.geometry.spheres()[(primitive - self.geometry.first_sphere()) as usize];
         let centre = map3!([x, y, z], |x| I::Wide::splat(x));
         let far = I::Wide::lit(f64::INFINITY);
         sphere::intersect(packet.origin, packet.direction, centre, I::Wide::splat(r), far)

@@ -1,0 +1,231 @@
+//! The light table: kinds, rows, the choice among lights.
+
+use super::{COMMON, Common, Light, LightKind, LightRow, PROBABILITY, STRIDE, kind};
+use crate::lanes::{Real, Uint};
+use crate::scene::error::{BuildError, finite, not_negative};
+use crate::scene::rows::Row;
+
+/// What every light has, whatever its kind.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Emitter {
+    /// Radiance; intensity of lights at a point; irradiance of parallel light.
+    pub radiance: [f32; 3],
+    /// Does a surface shine on both sides?
+    pub two_sided: bool,
+    /// Row of the material of an emitting surface; 0 for lights without one.
+    pub material: u32,
+    /// What it counts for when lights are chosen. Of those that cannot be sampled it is not looked at.
+    pub power: f64,
+}
+
+/// Lights on their way into a [`LightTable`].
+#[derive(Clone, Debug, Default)]
+pub struct LightList {
+    lights: Vec<(Emitter, Light)>,
+}
+
+impl LightList {
+    /// Adds a light and returns its number.
+    pub fn push(&mut self, emitter: Emitter, light: Light) -> u32 {
+        self.lights.push((emitter, light));
+        self.lights.len() as u32 - 1
+    }
+    /// How many lights.
+    pub fn len(&self) -> usize {
+        self.lights.len()
+    }
+    /// No lights?
+    pub fn is_empty(&self) -> bool {
+        self.lights.is_empty()
+    }
+}
+
+/// Lights with a place, and emitting surfaces (each triangle of an emitting mesh is a light).
+#[derive(Clone, Debug, Default)]
+pub struct LightTable {
+    /// One of [`kind`] a light.
+    kinds: Vec<u32>,
+    /// [`STRIDE`] numbers a light: [`Common`], then the row of its kind.
+    rows: Vec<f32>,
+    /// Row of the material of each light's surface.
+    materials: Vec<u32>,
+    /// Alias table (Walker 1977, Vose 1991), see [`LightTable::choose`]: entry `i` takes light `i` itself below this
+    /// threshold, in units of 2^-32, else `alias_other[i]`.
+    alias_keep: Vec<u32>,
+    /// See `alias_keep`.
+    alias_other: Vec<u32>,
+    /// Union of all kinds.
+    kinds_present: u32,
+}
+
+impl LightTable {
+    /// Most lights of a table: their numbers share a word with other things.
+    pub const MAX: usize = 1 << crate::scene::PrimitiveTag::ID_BITS;
+
+    /// The table of some lights.
+    ///
+    /// # Errors
+    /// Where a number is not finite, a radiance negative, or there are too many.
+    pub fn new(list: LightList) -> Result<Self, BuildError> {
+        let n = list.len();
+        if n > Self::MAX {
+            return Err(BuildError::TooMany { what: "lights", found: n, limit: Self::MAX });
+        }
+        let mut table = LightTable {
+            kinds: Vec::with_capacity(n),
+            rows: vec![0.0; n * STRIDE],
+            materials: Vec::with_capacity(n),
+            ..LightTable::default()
+        };
+        let mut powers = Vec::with_capacity(n);
+        for (id, ((emitter, light), row)) in
+            list.lights.iter().zip(table.rows.chunks_exact_mut(STRIDE)).enumerate()
+        {
+            not_negative("light", id, "its radiance", &emitter.radiance)?;
+            finite("light", id, "a number of its geometry", light.numbers())?;
+            let common = Common {
+                radiance: emitter.radiance,
+                probability: 0.0,
+                two_sided: emitter.two_sided as u8 as f32,
+            };
+            row[..COMMON].copy_from_slice(common.numbers());
+            row[COMMON..][..light.numbers().len()].copy_from_slice(light.numbers());
+            let kind = light.kind().bit();
+            table.kinds.push(kind);
+            table.kinds_present |= kind;
+            table.materials.push(emitter.material);
+            powers.push(emitter.power);
+        }
+        table.choose_by_power(&powers);
+        Ok(table)
+    }
+
+    /// How many lights.
+    pub fn len(&self) -> usize {
+        self.kinds.len()
+    }
+    /// No lights?
+    pub fn is_empty(&self) -> bool {
+        self.kinds.is_empty()
+    }
+    /// The kinds that light sampling can choose.
+    pub fn sampled_kinds(&self) -> u32 {
+        self.kinds_present & kind::SAMPLED
+    }
+    /// How many lights of each kind that occurs.
+    pub fn census(&self) -> Vec<(LightKind, usize)> {
+        let count = |k: LightKind| self.kinds.iter().filter(|&&bit| bit == k.bit()).count();
+        LightKind::ALL.into_iter().map(|k| (k, count(k))).filter(|&(_, n)| n > 0).collect()
+    }
+    /// Largest component of any light's radiance or intensity; 0 without lights.
+    pub fn brightest(&self) -> f32 {
+        self.rows.chunks_exact(STRIDE).flat_map(|row| &row[..3]).fold(0.0, |a, &b| a.max(b))
+    }
+    /// Bytes on the heap.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.kinds[..])
+            + size_of_val(&self.rows[..])
+            + size_of_val(&self.materials[..])
+            + size_of_val(&self.alias_keep[..])
+            + size_of_val(&self.alias_other[..])
+    }
+    /// The row of the material of the surface of a light; 0 for lights without one.
+    pub(crate) fn material_of(&self, light: usize) -> u32 {
+        self.materials[light]
+    }
+
+    /// The row of light `id`.
+    ///
+    /// # Safety
+    /// Every lane of `id` is below [`LightTable::len`].
+    #[inline(always)]
+    pub unsafe fn row<F: Real>(&self, id: F::Uint) -> LightRow<'_, F> {
+        // SAFETY: the caller's promise; all columns are of one length, rows [`STRIDE`] times that.
+        unsafe { LightRow::new(&self.kinds, &self.rows, id) }
+    }
+
+    /// The row of the material of the surface of light `id`.
+    ///
+    /// # Safety
+    /// Every lane of `id` is below [`LightTable::len`].
+    #[inline(always)]
+    pub unsafe fn material<U: Uint>(&self, id: U) -> U {
+        // SAFETY: the caller's promise.
+        unsafe { U::gather(&self.materials, id) }
+    }
+
+    /// Chooses a light from 32 random bits, by its probability.
+    ///
+    /// The bits are spent twice: the upper half of `bits * n` is the entry of the alias table, the lower half (uniform
+    /// and independent of it up to n / 2^32) decides between the two lights of the entry.
+    ///
+    /// # Safety
+    /// There is a light.
+    #[inline(always)]
+    pub unsafe fn choose<U: Uint>(&self, bits: U) -> U {
+        let n = U::splat(self.len() as u32);
+        let entry = bits.mul_high(n);
+        // SAFETY: `entry` < n, and both tables have n entries.
+        let (threshold, other) =
+            unsafe { (U::gather(&self.alias_keep, entry), U::gather(&self.alias_other, entry)) };
+        U::select((bits * n).lt(threshold), entry, other)
+    }
+
+    /// Builds the alias table for a choice in proportion to `power` (one number a light, 0 for those that cannot be
+    /// sampled), and sets the probability of each light. If all powers are 0, all lights that can be sampled are
+    /// equally likely.
+    ///
+    /// The probability is not the share of the power but exactly how many of the 2^32 random numbers choose the
+    /// light, at least one if it has power: estimates divide by it, and a faint lamp beside a sun would come out
+    /// several times too bright if its share were merely close.
+    fn choose_by_power(&mut self, power: &[f64]) {
+        let sampled = |i: usize| self.kinds[i] & kind::SAMPLED != 0;
+        let n = self.len();
+        let mut share: Vec<f64> = (0..n)
+            .map(|i| if sampled(i) && power[i].is_finite() { power[i].max(0.0) } else { 0.0 })
+            .collect();
+        if share.iter().sum::<f64>() <= 0.0 {
+            share = (0..n).map(|i| sampled(i) as u8 as f64).collect();
+        }
+        let total: f64 = share.iter().sum();
+        self.alias_keep = vec![u32::MAX; n];
+        self.alias_other = (0..n as u32).collect();
+        if total <= 0.0 {
+            return;
+        }
+        let dark: Vec<bool> = share.iter().map(|&s| s == 0.0).collect();
+        let largest = (0..n).max_by(|&a, &b| share[a].total_cmp(&share[b])).unwrap_or(0);
+        share.iter_mut().for_each(|s| *s *= n as f64 / total);
+        let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| share[i] < 1.0);
+        while let (Some(&s), Some(&l)) = (small.last(), large.last()) {
+            small.pop();
+            // A threshold of n is met by one random number at least.
+            let threshold = (share[s] * 4_294_967_296.0) as u32;
+            self.alias_keep[s] = if dark[s] { 0 } else { threshold.max(n as u32) };
+            self.alias_other[s] = l as u32;
+            share[l] -= 1.0 - share[s];
+            if share[l] < 1.0 {
+                large.pop();
+                small.push(l);
+            }
+        }
+        // What is left is 1 but for rounding; a light of probability 0 must still never be taken.
+        for i in small.into_iter().filter(|&i| dark[i]) {
+            self.alias_keep[i] = 0;
+            self.alias_other[i] = largest as u32;
+        }
+        // Entry i serves the random numbers from ceil(2^32 i / n), the own light those below the threshold.
+        let mut chances = vec![0u64; n];
+        for i in 0..n {
+            let at = |offset: u64| (((i as u64) << 32) + offset).div_ceil(n as u64);
+            let (begin, end) = (at(0), at(1 << 32));
+            let other = self.alias_other[i] as usize;
+            let split = if other == i { end } else { at(self.alias_keep[i] as u64) };
+            chances[i] += split - begin;
+            chances[other] += end - split;
+        }
+        for (row, chances) in self.rows.chunks_exact_mut(STRIDE).zip(chances) {
+            row[PROBABILITY] = (chances as f64 / 4_294_967_296.0) as f32;
+        }
+    }
+}
