@@ -1031,7 +1031,7 @@ fn regular_things_in_large_numbers_make_shallow_trees() {
         let hits = assert_trees_agree(what, &g, &rays);
         assert!(hits.iter().all(|hit| hit.primitive != MISS), "{what}");
         // Seven siblings wait at each level, of which there are at most one for each of the binary tree.
-        let stack = Bvh8::new(&g).stack().lanes.len();
+        let stack = Bvh8::new(&g).stack().room();
         assert!(stack <= 8 * (3 * 17 + 25), "{what}: {stack}");
     }
 }

@@ -65,6 +65,13 @@ pub struct TraversalStack {
     pub(crate) sorter: RaySorter,
 }
 
+impl TraversalStack {
+    /// Nodes that have room.
+    pub fn room(&self) -> usize {
+        self.lanes.len().max(self.nodes.len())
+    }
+}
+
 /// A distance for each ray of as many packets as go together, whole cache lines.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
