@@ -23,6 +23,8 @@ const SMALL: usize = 8;
 /// Measured tests of a bounce ray: long sticks along three axes without sizes 633, with them 50; soup and meshes the
 /// same with and without. With 0.7 : 0.8 : 0.9 of it: sticks 49 : 53 : 239.
 const POOR: f32 = 0.7;
+/// So are they where one side is larger than this share of the whole: a floor lies among the feet of what stands on it.
+const LARGE: f32 = 0.8;
 /// From this size on several threads look at a set.
 const SHARED: usize = 1 << 16;
 /// What a thread takes of it at once.
@@ -196,18 +198,20 @@ struct Best {
     axis: usize,
     /// Bins or primitives of the first side; 0 for none.
     first: usize,
+    /// Area of the larger side.
+    larger: f32,
     /// Where the bins are.
     scale: Scale,
 }
 
 impl Best {
     const NONE: Best =
-        Best { cost: f32::INFINITY, imbalance: u32::MAX, axis: 0, first: 0, scale: Scale::NONE };
+        Best { cost: f32::INFINITY, imbalance: u32::MAX, axis: 0, first: 0, larger: 0.0, scale: Scale::NONE };
 
     #[inline(always)]
-    fn offer(&mut self, cost: f32, imbalance: u32, axis: usize, first: usize, scale: Scale) {
+    fn offer(&mut self, cost: f32, imbalance: u32, axis: usize, first: usize, larger: f32, scale: Scale) {
         if cost < self.cost || cost == self.cost && imbalance < self.imbalance {
-            *self = Best { cost, imbalance, axis, first, scale };
+            *self = Best { cost, imbalance, axis, first, larger, scale };
         }
     }
 }
@@ -252,7 +256,8 @@ impl Partitioner {
     fn between_bins(&self, set: &[Reference], extent: &Extent) -> Best {
         let mut best = Best::NONE;
         let weight = self.try_bins(set, Scale::new(Key::Centre, &extent.centres), &mut best);
-        if best.cost > POOR * self.cost(extent.bounds.half_area(), weight) {
+        let whole = extent.bounds.half_area();
+        if best.cost > POOR * self.cost(whole, weight) || best.larger > LARGE * whole {
             self.try_bins(set, Scale::new(Key::Size, &sizes(set)), &mut best);
         }
         best
@@ -268,22 +273,24 @@ impl Partitioner {
         };
         for axis in 0..3 {
             let (boxes, weights) = (&bins.boxes[axis], &bins.weights[axis]);
-            // The second sides: cost and weight of bin `k` and all behind it.
-            let mut behind = [(0.0, 0); BINS];
+            // The second sides: area, cost and weight of bin `k` and all behind it.
+            let mut behind = [(0.0, 0.0, 0); BINS];
             let (mut around, mut weight) = (NOTHING, 0);
             for k in (1..BINS).rev() {
                 around = around.union(&boxes[k]);
                 weight += weights[k];
-                behind[k] = (self.cost(around.half_area(), weight), weight);
+                let area = around.half_area();
+                behind[k] = (area, self.cost(area, weight), weight);
             }
             let (mut around, mut weight) = (NOTHING, 0);
             for k in 1..BINS {
                 around = around.union(&boxes[k - 1]);
                 weight += weights[k - 1];
-                let (cost, other) = behind[k];
+                let (other_area, other_cost, other) = behind[k];
                 if weight > 0 && other > 0 {
-                    let cost = self.cost(around.half_area(), weight) + cost;
-                    best.offer(cost, weight.abs_diff(other), axis, k, scale);
+                    let area = around.half_area();
+                    let cost = self.cost(area, weight) + other_cost;
+                    best.offer(cost, weight.abs_diff(other), axis, k, area.max(other_area), scale);
                 }
             }
         }
@@ -319,7 +326,7 @@ impl Partitioner {
                 weight += reference.weight;
                 let (cost, other) = behind[k];
                 let cost = self.cost(around.half_area(), weight) + cost;
-                best.offer(cost, weight.abs_diff(other), axis, k, Scale::NONE);
+                best.offer(cost, weight.abs_diff(other), axis, k, 0.0, Scale::NONE);
             }
         }
         if best.first == 0 {
