@@ -385,6 +385,18 @@ fn convert_makes_other_forms_of_a_picture() {
     let crop = picture::read_layers(&scratch.file("c.exr")).unwrap();
     assert_eq!((crop.width, crop.height, crop.channels.len()), (8, 12, 0));
     assert_eq!(crop.pixel(3, 2), image.pixel(3, 2).map(|channel| 2.0 * channel));
+    // The standard error is of the same light; what the report says is not.
+    scratch.done(&["convert", "a.exr", "d.exr", "--exposure", "1", "-q"]);
+    let brighter = picture::read_layers(&scratch.file("d.exr")).unwrap();
+    for (brighter, channel) in brighter.channels.iter().zip(&image.channels) {
+        if let (picture::Samples::Float(brighter), picture::Samples::Float(values)) =
+            (&brighter.samples, &channel.samples)
+        {
+            let doubled: Vec<f32> = values.iter().map(|value| 2.0 * value).collect();
+            assert_eq!(*brighter, doubled, "{}", channel.name);
+        }
+    }
+    assert!(brighter.metadata.report.unwrap().contains("\"estimated_relmse\":null"));
     scratch.done(&["convert", "a.exr", "samples.exr", "--layer", "samples", "-q"]);
     assert_eq!(shown("samples.exr").pixel(0, 0), [2.0; 3]);
     scratch.done(&["convert", "a.exr", "agx.png", "--tonemap", "agx", "-q"]);
