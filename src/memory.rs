@@ -122,7 +122,7 @@ fn least_left(mount: &Path, path: &str, files: &GroupFiles) -> Option<u64> {
 /// For messages.
 pub(crate) fn in_gib(bytes: u64) -> String {
     let gib = bytes as f64 / f64::from(1 << 30);
-    if gib < 0.1 { format!("{:.1} MiB", 1024.0 * gib) } else { format!("{gib:.1} GiB") }
+    if gib < 0.1 { format!("{gib:.3} GiB") } else { format!("{gib:.1} GiB") }
 }
 
 /// The system's allocator for a command: an allocation that fails ends the process with a message and status 1, where

@@ -179,13 +179,14 @@ impl fmt::Display for Report {
         if !shares.is_empty() {
             let all =
                 if self.threads == 1 { "one thread".into() } else { format!("{} threads", self.threads) };
-            row(f, "stages", format_args!("{:<18}  share  s, sum of {all:<11}  s, wall clock", ""))?;
+            let sum = format!("s, sum of {all}");
+            row(f, "stages", format_args!("{:<18}   share {sum:>20} {:>13}", "", "s, wall clock"))?;
         }
         for (index, (name, share)) in shares.into_iter().enumerate() {
             let spent = self.stages[index].1;
             // What the stage would have taken of the wall clock, if all threads had it at the same share.
             let wall = share * self.seconds;
-            row(f, "", format_args!("{name:<18}  {:>4.1} %  {spent:>19.3}  {wall:>13.3}", 100.0 * share))?;
+            row(f, "", format_args!("{name:<18} {:>5.1} % {spent:>20.3} {wall:>13.3}", 100.0 * share))?;
         }
         match (self.estimated_relmse, self.estimated_relmse_interval) {
             (Some(error), Some([low, high])) => {

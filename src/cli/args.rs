@@ -27,7 +27,7 @@ const REPORTS: &str = "Reports";
 #[derive(Debug, Clone, PartialEq, Args)]
 pub struct RenderArgs {
     /// Scene in pbrt's format; or one or more meshes (.ply, .ply.gz), which get a camera, a floor and a sky
-    #[arg(value_name = "SCENE.pbrt|MODEL.ply", required = true, help_heading = WHAT)]
+    #[arg(value_name = "SCENE.pbrt|MODEL.ply", required = true)]
     pub scene: Vec<PathBuf>,
 
     /// Size and part of the image.
@@ -250,7 +250,7 @@ pub struct ConvertArgs {
 #[derive(Debug, Clone, PartialEq, Args)]
 pub struct PlanArgs {
     /// Scene to plan for, in pbrt's format
-    #[arg(value_name = "SCENE.pbrt", help_heading = WHAT)]
+    #[arg(value_name = "SCENE.pbrt")]
     pub scene: PathBuf,
 
     /// Size and part of the image.

@@ -18,6 +18,7 @@ pub(super) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let failed = |what: String| Failure::Input(format!("\"{}\": {what}", args.input.display()));
     if let Some(name) = &args.layer {
         show_layer(&mut image, name).map_err(failed)?;
+        forget_error(&mut image);
     }
     if args.drop_layers {
         image.channels.clear();
@@ -30,6 +31,13 @@ pub(super) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if args.encoding.exposure != 0.0 {
         let gain = args.encoding.exposure.exp2();
         brighter.pixels.iter_mut().for_each(|pixel| *pixel = pixel.map(|channel| channel * gain));
+        // Errors are brighter by the same factor; the relative one has a constant that is not.
+        for channel in brighter.channels.iter_mut().filter(|channel| channel.name.starts_with("stderr.")) {
+            if let Samples::Float(values) = &mut channel.samples {
+                values.iter_mut().for_each(|value| *value *= gain);
+            }
+        }
+        forget_error(&mut brighter);
     }
     let encoding = args.encoding.encoding(false);
     let voice = Voice::new(args.quiet, &outputs);
@@ -69,6 +77,17 @@ fn show_layer(image: &mut Image, name: &str) -> Result<(), String> {
     Ok(())
 }
 
+/// The estimate of the error in the report is not that of other values.
+fn forget_error(image: &mut Image) {
+    let Some(report) = &mut image.metadata.report else { return };
+    if let Ok(serde_json::Value::Object(mut record)) = serde_json::from_str(report) {
+        for key in ["estimated_relmse", "estimated_relmse_interval"] {
+            record.insert(key.into(), serde_json::Value::Null);
+        }
+        *report = serde_json::Value::Object(record).to_string();
+    }
+}
+
 /// The part of the full frame that `crop` names, with all layers and what is known of the whole.
 fn cut(image: Image, crop: Crop) -> Result<Image, String> {
     let DataWindow { full_width, full_height, .. } = image.window;
@@ -99,6 +118,15 @@ mod tests {
         show_layer(&mut image, "samples").unwrap();
         assert_eq!(image.pixels, [[7.0; 3], [8.0; 3]]);
         assert!(show_layer(&mut image, "depth").unwrap_err().contains("n.R, n.G, n.B, samples"));
+    }
+
+    #[test]
+    fn an_error_of_other_values_is_forgotten() {
+        let mut image = Image::new(1, 1, vec![[1.0; 3]]);
+        image.metadata.report = Some("{\"scene\":\"a\",\"estimated_relmse\":0.5}".into());
+        forget_error(&mut image);
+        let report: serde_json::Value = serde_json::from_str(&image.metadata.report.unwrap()).unwrap();
+        assert!(report["estimated_relmse"].is_null() && report["scene"] == "a");
     }
 
     #[test]

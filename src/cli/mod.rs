@@ -33,9 +33,12 @@ pub use failure::Failure;
     max_term_width = 120,
     after_help = "\
 Examples:
-  wavepath render scene.pbrt -o picture.png --time 1m     a picture in a minute
-  wavepath render model.ply                               a mesh, with a camera and light of its own
-  wavepath compare picture.exr reference.exr              how far off it is
+  wavepath render scene.pbrt -o picture.png --time 1m
+      a picture in a minute
+  wavepath render model.ply
+      a mesh, with a camera and light of its own
+  wavepath compare picture.exr reference.exr
+      how far off it is
 
 `wavepath COMMAND --help` has examples of each command."
 )]
@@ -51,26 +54,36 @@ pub enum Command {
     /// Render a scene and report its cost and its error
     #[command(after_help = "\
 Examples:
-  wavepath render scene.pbrt -o a.exr -o a.png --tonemap agx    linear and for the screen in one go
-  wavepath render scene.pbrt --error 0.005 --time 10m           until it is good enough, ten minutes at most
-  wavepath render scene.pbrt --crop 0.4,0.6,0.4,0.6 --spp 1024  the middle of the image, with many samples
-  wavepath render model.ply --up z --write-scene model.pbrt     a mesh, and the scene made around it")]
+  wavepath render scene.pbrt -o a.exr -o a.png --tonemap agx
+      linear and for the screen in one go
+  wavepath render scene.pbrt --error 0.005 --time 10m
+      until it is good enough, ten minutes at most
+  wavepath render scene.pbrt --crop 0.4,0.6,0.4,0.6 --spp 1024
+      the middle of the image, with many samples
+  wavepath render model.ply --up z --write-scene model.pbrt
+      a mesh, and the scene made around it")]
     Render(args::RenderArgs),
     /// Convert a picture: crop, exposure, tone curve, layers, precision
     #[command(after_help = "\
 Examples:
-  wavepath convert a.exr a.png --exposure 1 --tonemap agx   for the screen, a stop brighter
-  wavepath convert a.exr small.exr --half --drop-layers     half the size
-  wavepath convert a.exr noise.png --layer stderr           where the noise is, of a render with --layers
+  wavepath convert a.exr a.png --exposure 1 --tonemap agx
+      for the screen, a stop brighter
+  wavepath convert a.exr small.exr --half --drop-layers
+      half the size
+  wavepath convert a.exr noise.png --layer stderr
+      where the noise is, of a render with --layers
 
 --exposure brightens EXR files here, too.")]
     Convert(args::ConvertArgs),
     /// Print what a scene needs, and what is left out
     #[command(after_help = "\
 Examples:
-  wavepath plan scene.pbrt                              stages, kernels, queue columns
-  wavepath plan scene.pbrt --resolution 3840x2160       memory of a larger film
-  wavepath plan scene.pbrt --spp 4096 --json            for scripts")]
+  wavepath plan scene.pbrt
+      stages, kernels, queue columns
+  wavepath plan scene.pbrt --resolution 3840x2160
+      memory of a larger film
+  wavepath plan scene.pbrt --spp 4096 --json
+      for scripts")]
     Plan(args::PlanArgs),
     /// Make a mesh by procedure
     #[command(
@@ -79,29 +92,37 @@ Examples:
 Examples:
   wavepath mesh torus-knot -o knot.ply
   wavepath mesh menger --levels 3 -o sponge.ply
-  wavepath mesh julia --help                            options of a kind"
+  wavepath mesh julia --help
+      options of a kind"
     )]
     Mesh(crate::meshes::MeshArgs),
     /// Measure engines against each other, and what each part of them brings
     #[command(after_help = "\
 Examples:
-  wavepath bench                                        the scenes of the project, in its folder
-  wavepath bench scene.pbrt --rounds 9 --each 1s        one's own, measured longer
-  wavepath bench scene.pbrt --json > bench.json         for scripts")]
+  wavepath bench
+      the scenes of the project, in its folder
+  wavepath bench scene.pbrt --rounds 9 --each 1s
+      one's own, measured longer
+  wavepath bench scene.pbrt --json > bench.json
+      for scripts")]
     Bench(args::BenchArgs),
     /// Compare an image with a reference and print the error measures
     #[command(after_help = "\
 Examples:
-  wavepath compare a.exr reference.exr                      error measures
-  wavepath compare a.exr reference.exr --map error.png      and where the error is
-  wavepath compare a.exr reference.exr --fail-above 1e-3    status 1 if it is worse: for make and CI")]
+  wavepath compare a.exr reference.exr
+      error measures
+  wavepath compare a.exr reference.exr --map error.png
+      and where the error is
+  wavepath compare a.exr reference.exr --fail-above 1e-3
+      status 1 if it is worse: for make and CI")]
     Compare(args::CompareArgs),
     /// Measure the error of engines and samplers against their run time
     #[command(after_help = "\
 Examples:
-  wavepath converge scene.pbrt --budget 10s -o out                        a page with plots: out/report.html
+  wavepath converge scene.pbrt --budget 10s -o out
+      a page with plots: out/report.html
   wavepath converge scene.pbrt --reference ref.exr --engines wavefront -o out
-  wavepath converge scene.pbrt --external pbrt:1m30s:pbrt.exr --reference ref.exr -o out")]
+  wavepath converge scene.pbrt --external pbrt:90s:p.exr --reference r.exr -o d")]
     Converge(args::ConvergeArgs),
 }
 
@@ -143,7 +164,7 @@ mod tests {
             let examples = help.lines().filter(|line| line.starts_with("  wavepath ")).count();
             assert!(examples >= 3, "{}: {help}", command.get_name());
             for line in help.lines() {
-                assert!(line.len() <= 100, "{line}");
+                assert!(line.len() <= 80, "{line}");
             }
         }
     }

@@ -163,7 +163,12 @@ impl Set {
     fn text(&self, material: ModelMaterial, meshes: &str) -> String {
         let (camera, centre, up, radius) = (self.camera(), self.centre(), self.up, self.radius());
         let [width, height] = self.resolution;
-        let v = |p: DVec3| format!("{} {} {}", p.x, p.y, p.z);
+        // Five digits: people are to read and change them.
+        let step = 10.0_f64.powi(radius.log10().floor() as i32 - 4);
+        let v = |p: DVec3| {
+            let [x, y, z] = p.to_array().map(|x| Rounded(x, step));
+            format!("{x} {y} {z}")
+        };
         let [right, front] = self.axes();
         let lowest =
             (0..3).map(|axis| (self.bounds[0][axis] * up[axis]).min(self.bounds[1][axis] * up[axis]));
@@ -214,9 +219,29 @@ impl Set {
             v(camera),
             v(centre),
             v(up),
-            v(sun),
+            Rounded::direction(sun),
             corners.join("  "),
         )
+    }
+}
+
+/// A number as a multiple of a power of ten, without a tail of digits.
+struct Rounded(f64, f64);
+
+impl Rounded {
+    fn direction(p: DVec3) -> String {
+        p.to_array().map(|x| Rounded(x, 1e-3).to_string()).join(" ")
+    }
+}
+
+impl std::fmt::Display for Rounded {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Rounded(value, step) = *self;
+        let digits = (-step.log10()).round().clamp(0.0, 40.0) as usize;
+        // Of zero without a sign.
+        let value = (value / step).round() * step + 0.0;
+        let text = format!("{value:.digits$}");
+        f.write_str(if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text })
     }
 }
 
@@ -244,7 +269,7 @@ mod tests {
                     let p = DVec3::new(side(0), side(1), side(2));
                     let p = camera.world_from_camera.inverse().transform_point3(p);
                     let (x, y) = ((p.x / p.z / tan / across).abs(), (p.y / p.z / tan / high).abs());
-                    assert!(p.z > 0.0 && x <= FILLED + 1e-6 && y <= FILLED + 1e-6, "{up}: {x} {y}");
+                    assert!(p.z > 0.0 && x <= FILLED + 1e-3 && y <= FILLED + 1e-3, "{up}: {x} {y}");
                     most = most.max(x).max(y);
                 }
                 assert!(most > 0.5, "{up}: {most}");
@@ -259,6 +284,15 @@ mod tests {
                     assert!(eye.dot(up) > p.dot(up));
                 }
             }
+        }
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        for (value, step, expected) in
+            [(1.234_567, 1e-3, "1.235"), (-0.000_01, 1e-3, "0"), (12_345.6, 10.0, "12350"), (2.0, 1e-3, "2")]
+        {
+            assert_eq!(Rounded(value, step).to_string(), expected);
         }
     }
 

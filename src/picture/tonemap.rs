@@ -29,9 +29,12 @@ impl Tonemap {
         }
     }
 
-    /// The linear light of the screen, each channel from 0 to 1; NaN stays NaN.
+    /// The linear light of the screen, each channel from 0 to 1; NaN if a channel is NaN.
     pub fn apply(self, colour: [f32; 3]) -> [f64; 3] {
-        // Infinity times 0 would be no number.
+        // The curves mix the channels; and infinity times 0 would be no number.
+        if colour.iter().any(|channel| channel.is_nan()) {
+            return [f64::NAN; 3];
+        }
         let colour = colour.map(|channel| f64::from(channel).clamp(0.0, BRIGHTEST));
         let shown = match self {
             Tonemap::Srgb => colour,
