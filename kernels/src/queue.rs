@@ -4,7 +4,7 @@
 //! A queue belongs to one worker, is allocated once and never grows. Columns are padded by [`PAD`] elements, so that
 //! kernels may write whole vectors past the last element.
 
-use crate::lanes::Uint;
+use crate::lanes::{Real, Uint};
 use crate::sampler::Stream;
 
 /// Elements behind the capacity of every column: the widest vector.
@@ -208,6 +208,19 @@ impl SlotTable {
             Stream { seed: U::gather(&self.seed, slot), index: first + sample }
         }
     }
+}
+
+/// The lanes of a list from place `at`: indices (the last lanes repeat the first one if too few are left), and how
+/// many count.
+#[inline(always)]
+pub(crate) fn list_lanes<F: Real>(list: &[u32], at: usize) -> (F::Uint, usize) {
+    let count = (list.len() - at).min(F::LANES);
+    if count == F::LANES {
+        return (F::Uint::load(list, at), count);
+    }
+    let mut lanes = [list[at]; 16];
+    lanes[..count].copy_from_slice(&list[at..]);
+    (F::Uint::load(&lanes, 0), count)
 }
 
 /// Most shadow rays that wait at a time: light sampling follows shading in pieces, so that the rays are still in the
