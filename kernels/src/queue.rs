@@ -23,6 +23,8 @@ pub enum Needs {
     LightSampling,
     /// With a reconstruction filter that has negative lobes.
     FilterWeights,
+    /// In scenes with instances: no scene has any yet, copies stand for them.
+    Instances,
 }
 
 /// What a scene needs: decided by the plan, once.
@@ -36,6 +38,8 @@ pub struct Requirements {
     pub light_sampling: bool,
     /// See [`Needs::FilterWeights`].
     pub filter_weights: bool,
+    /// See [`Needs::Instances`].
+    pub instances: bool,
 }
 
 impl Requirements {
@@ -47,6 +51,7 @@ impl Requirements {
             Needs::SmoothNormals => self.smooth_normals,
             Needs::LightSampling => self.light_sampling,
             Needs::FilterWeights => self.filter_weights,
+            Needs::Instances => self.instances,
         }
     }
 }
@@ -137,6 +142,7 @@ queues! {
         primitive: u32, Always, "primitive, or none";
         u: f32, SmoothNormals, "barycentric weight of the second corner";
         v: f32, SmoothNormals, "barycentric weight of the third corner";
+        instance: u32, Instances, "instance that the primitive is a part of";
     }
     /// What stays in place while a path lives, by slot.
     SlotTable "slot" {
