@@ -35,7 +35,7 @@ fn sampler(c: &mut Criterion) {
     const POINTS: usize = 4096;
     let seeds: Vec<u32> = (0..POINTS as u32).map(|k| k.wrapping_mul(0x9E37_79B9)).collect();
     let (mut x, mut y) = (vec![0.0; POINTS], vec![0.0; POINTS]);
-    let one_lane = Level::OneLane.is_available().then_some(Level::OneLane);
+    let one_lane = Level::one_lane();
     for level in Level::available().chain(one_lane) {
         let mut group = c.benchmark_group(format!("sampler/{}", level.name()));
         group.throughput(Throughput::Elements(POINTS as u64));

@@ -121,7 +121,7 @@ fn all_scenes() -> Vec<(&'static str, SceneDescription)> {
 /// Levels whose kernels fuse multiplications and additions: they round alike. The first one is the one to hold the
 /// others against.
 fn fused_levels() -> Vec<Level> {
-    Level::available().filter(|&level| level != Level::Baseline).collect()
+    Level::available().filter(|&level| level != Level::BASELINE).collect()
 }
 
 fn assert_consistent(what: &str, rendered: &Rendered) {
@@ -181,7 +181,7 @@ fn the_baseline_agrees_within_the_noise() {
     let Some(&level) = fused_levels().first() else { return };
     for (name, scene) in [("everything", everything()), ("cornell", sized(shipped("cornell.pbrt"), 32, 32))] {
         let render = |level| Render { level, spp: Some(64), ..Render::default() }.of(&scene);
-        let (fused, baseline) = (render(level), render(Level::Baseline));
+        let (fused, baseline) = (render(level), render(Level::BASELINE));
         let comparison = compare(&baseline.image, &fused.image).unwrap();
         let noise = fused.developed.relmse.unwrap();
         assert!(comparison.relmse < 2.0 * noise, "{name}: {} at a noise of {noise}", comparison.relmse);

@@ -395,6 +395,29 @@ fn lights_have_pbrts_units() {
 }
 
 #[test]
+fn cylinders_are_read() {
+    let shapes = world(
+        "Shape \"cylinder\"\n\
+         Translate 0 0 5 Shape \"cylinder\" \"float radius\" 2 \"float zmin\" 3 \"float zmax\" -1 \"float phimax\" 90",
+    )
+    .shapes;
+    let Geometry::Cylinder { radius, z_min, z_max, phi_max, .. } = shapes[0].geometry else { panic!() };
+    assert_eq!((radius, z_min, z_max, phi_max), (1.0, -1.0, 1.0, 360.0));
+    let Geometry::Cylinder { world_from_object, radius, z_min, z_max, phi_max } = shapes[1].geometry else {
+        panic!()
+    };
+    assert_eq!((radius, z_min, z_max, phi_max), (2.0, -1.0, 3.0, 90.0));
+    assert_eq!(world_from_object.translation, DVec3::new(0.0, 0.0, 5.0));
+    for (parameters, expected) in
+        [("\"float radius\" 0", "radius"), ("\"float zmin\" 1 \"float zmax\" 1", "nothing is left")]
+    {
+        let text = format!("Film \"rgb\" WorldBegin Shape \"cylinder\" {parameters}");
+        let error = read(&text).unwrap_err().to_string();
+        assert!(error.contains(expected) && error.contains(":1:"), "{error}");
+    }
+}
+
+#[test]
 fn goniometric_lights_have_a_pattern_around_z() {
     let lights = world(
         "Translate 1 2 3 Rotate 90 0 1 0\n\
@@ -782,7 +805,7 @@ const BROKEN: &[(&str, u32, u32, &str)] = &[
         "pictures on area lights",
     ),
     // Shapes.
-    ("WorldBegin Shape \"cylinder\"", 1, 18, "\"cylinder\" is not supported"),
+    ("WorldBegin Shape \"cone\"", 1, 18, "\"cone\" is not supported"),
     ("WorldBegin Shape \"sphere\" \"float radius\" 0", 1, 42, "above 0"),
     ("WorldBegin Shape \"sphere\" \"float radius\" 1e-60", 1, 12, "too small"),
     ("WorldBegin Shape \"sphere\" \"float alpha\" .5", 1, 41, "alpha is not supported"),

@@ -50,13 +50,17 @@ pub trait Isa: Copy + Send + Sync + 'static {
     fn run<K: Kernel>(self, kernel: K) -> K::Output;
 }
 
-/// The instruction sets there are. They have no order: ask [`Level::is_available`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
+/// An instruction set that this machine has, and this program kernels for: no machine without it has such a value. They
+/// have no order.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Level(Set);
+
+/// The instruction sets there are.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Set {
     /// What every machine of the architecture has (SSE2, NEON).
     Baseline,
-    /// AVX2 and FMA for one ray against many boxes and triangles, but one path at a time in all else: what the width of
-    /// the batch kernels is held against.
+    /// AVX2 and FMA, one path at a time: see [`Level::one_lane`].
     OneLane,
     /// AVX2 and FMA.
     Avx2,
@@ -64,12 +68,8 @@ pub enum Level {
     Avx512,
 }
 
-impl Level {
-    /// All of them, the best first, [`Level::OneLane`] last: it is for comparisons.
-    const ALL: [Level; 4] = [Level::Avx512, Level::Avx2, Level::Baseline, Level::OneLane];
-
-    /// Has this machine the set, and this program kernels for it?
-    pub fn is_available(self) -> bool {
+impl Set {
+    fn is_available(self) -> bool {
         self.is_compiled() && self.is_of_machine()
     }
 
@@ -77,10 +77,10 @@ impl Level {
     /// builds while working on them.
     const fn is_compiled(self) -> bool {
         match self {
-            Level::Baseline => true,
-            Level::OneLane => !cfg!(any(wavepath_only = "avx512", wavepath_only = "avx2")),
-            Level::Avx2 => !cfg!(wavepath_only = "avx512"),
-            Level::Avx512 => !cfg!(wavepath_only = "avx2"),
+            Set::Baseline => true,
+            Set::OneLane => !cfg!(any(wavepath_only = "avx512", wavepath_only = "avx2")),
+            Set::Avx2 => !cfg!(wavepath_only = "avx512"),
+            Set::Avx512 => !cfg!(wavepath_only = "avx2"),
         }
     }
 
@@ -95,9 +95,9 @@ impl Level {
                 && std::is_x86_feature_detected!("popcnt")
         };
         match self {
-            Level::Baseline => true,
-            Level::OneLane | Level::Avx2 => avx2(),
-            Level::Avx512 => {
+            Set::Baseline => true,
+            Set::OneLane | Set::Avx2 => avx2(),
+            Set::Avx512 => {
                 avx2()
                     && std::is_x86_feature_detected!("avx512f")
                     && std::is_x86_feature_detected!("avx512dq")
@@ -110,51 +110,64 @@ impl Level {
 
     #[cfg(not(target_arch = "x86_64"))]
     fn is_of_machine(self) -> bool {
-        self == Level::Baseline
+        self == Set::Baseline
     }
+}
+
+impl core::fmt::Debug for Level {
+    fn fmt(&self, f: &mut core::fmt::Formatter) -> core::fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl Level {
+    /// What every machine of the architecture has (SSE2, NEON).
+    pub const BASELINE: Level = Level(Set::Baseline);
 
     /// The best set of this machine.
     pub fn detect() -> Level {
-        Level::ALL.into_iter().find(|level| level.is_available()).unwrap_or(Level::Baseline)
+        Level::available().next().unwrap_or(Level::BASELINE)
     }
 
-    /// All sets that this machine has, the best first. [`Level::OneLane`] is not among them.
+    /// All sets that this machine has, the best first. [`Level::one_lane`] is not among them.
     pub fn available() -> impl Iterator<Item = Level> {
-        Level::ALL.into_iter().filter(|&level| level != Level::OneLane && level.is_available())
+        [Set::Avx512, Set::Avx2, Set::Baseline].into_iter().filter(|set| set.is_available()).map(Level)
+    }
+
+    /// AVX2 and FMA for one ray against many boxes and triangles, but one path at a time in all else, where the machine
+    /// has them: what the width of the batch kernels is held against.
+    pub fn one_lane() -> Option<Level> {
+        Set::OneLane.is_available().then_some(Level(Set::OneLane))
     }
 
     /// Name for reports.
     pub fn name(self) -> &'static str {
-        match self {
-            Level::Baseline => Baseline::NAME,
+        match self.0 {
+            Set::Baseline => Baseline::NAME,
             #[cfg(target_arch = "x86_64")]
-            Level::OneLane => OneLane::NAME,
+            Set::OneLane => OneLane::NAME,
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => Avx2::NAME,
+            Set::Avx2 => Avx2::NAME,
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => Avx512::NAME,
+            Set::Avx512 => Avx512::NAME,
             #[cfg(not(target_arch = "x86_64"))]
             _ => Baseline::NAME,
         }
     }
 
     /// Runs a kernel on this set.
-    ///
-    /// # Panics
-    /// If the machine does not have it.
     #[inline]
     pub fn run<K: Kernel>(self, kernel: K) -> K::Output {
-        assert!(self.is_available(), "this machine has no {}", self.name());
-        match self {
-            Level::Baseline => Baseline.run(kernel),
+        match self.0 {
+            Set::Baseline => Baseline.run(kernel),
             #[cfg(all(target_arch = "x86_64", not(any(wavepath_only = "avx512", wavepath_only = "avx2"))))]
-            Level::OneLane => OneLane(()).run(kernel),
+            Set::OneLane => OneLane(()).run(kernel),
             #[cfg(all(target_arch = "x86_64", not(wavepath_only = "avx512")))]
-            Level::Avx2 => Avx2(()).run(kernel),
+            Set::Avx2 => Avx2(()).run(kernel),
             #[cfg(all(target_arch = "x86_64", not(wavepath_only = "avx2")))]
-            Level::Avx512 => Avx512(()).run(kernel),
+            Set::Avx512 => Avx512(()).run(kernel),
             #[allow(unreachable_patterns, reason = "nothing is left where all are compiled")]
-            _ => unreachable!("not available here"),
+            _ => unreachable!("no such value is made"),
         }
     }
 }

@@ -6,7 +6,8 @@
 //! |---|---|
 //! | [`lanes`], [`isa`] | number types of 1 to 16 lanes, and the choice of instruction set at run time |
 //! | [`math`], [`sampler`] | vectors, frames, random numbers |
-//! | [`scene`], [`queue`] | the tables that kernels read, the queues that they read and write |
+//! | [`scene`] | the tables that kernels read, made by constructors that check them; kinds of lights and shapes |
+//! | [`queue`] | the queues that kernels read and write |
 //! | [`generate`] | stage: camera rays |
 //! | [`intersect`] | stage: closest hits |
 //! | [`material_sort`] | stage: index lists by material |

@@ -4,7 +4,7 @@
 //! A queue belongs to one worker, is allocated once and never grows. Columns are padded by [`PAD`] elements, so that
 //! kernels may write whole vectors past the last element.
 
-use crate::lanes::Uint;
+use crate::lanes::{Real, Uint};
 use crate::sampler::Stream;
 use crate::sampler::dimension::{BANK, PER_VERTEX, VERTICES};
 
@@ -24,6 +24,8 @@ pub enum Needs {
     LightSampling,
     /// With a reconstruction filter that has negative lobes.
     FilterWeights,
+    /// In scenes with instances: no scene has any yet, copies stand for them.
+    Instances,
 }
 
 /// What a scene needs: decided by the plan, once.
@@ -37,6 +39,8 @@ pub struct Requirements {
     pub light_sampling: bool,
     /// See [`Needs::FilterWeights`].
     pub filter_weights: bool,
+    /// See [`Needs::Instances`].
+    pub instances: bool,
 }
 
 impl Requirements {
@@ -48,6 +52,7 @@ impl Requirements {
             Needs::SmoothNormals => self.smooth_normals,
             Needs::LightSampling => self.light_sampling,
             Needs::FilterWeights => self.filter_weights,
+            Needs::Instances => self.instances,
         }
     }
 }
@@ -138,6 +143,7 @@ queues! {
         primitive: u32, Always, "primitive, or none";
         u: f32, SmoothNormals, "barycentric weight of the second corner";
         v: f32, SmoothNormals, "barycentric weight of the third corner";
+        instance: u32, Instances, "instance that the primitive is a part of";
     }
     /// What stays in place while a path lives, by slot.
     SlotTable "slot" {
@@ -213,6 +219,19 @@ impl SlotTable {
             Stream { seed: U::gather(&self.seed, slot), index: first + sample }
         }
     }
+}
+
+/// The lanes of a list from place `at`: indices (the last lanes repeat the first one if too few are left), and how
+/// many count.
+#[inline(always)]
+pub(crate) fn list_lanes<F: Real>(list: &[u32], at: usize) -> (F::Uint, usize) {
+    let count = (list.len() - at).min(F::LANES);
+    if count == F::LANES {
+        return (F::Uint::load(list, at), count);
+    }
+    let mut lanes = [list[at]; 16];
+    lanes[..count].copy_from_slice(&list[at..]);
+    (F::Uint::load(&lanes, 0), count)
 }
 
 /// Most shadow rays that wait at a time: light sampling follows shading in pieces, so that the rays are still in the

@@ -80,7 +80,7 @@ impl<A: Accelerator> Kernel for Occluded<'_, A> {
 
 /// All instruction sets, and the one for comparisons.
 fn levels() -> impl Iterator<Item = Level> {
-    Level::available().chain(Level::OneLane.is_available().then_some(Level::OneLane))
+    Level::available().chain(Level::one_lane())
 }
 
 /// The ways through a tree, for rays in queues.

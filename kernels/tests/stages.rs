@@ -18,7 +18,13 @@ use wavepath_kernels::scene::{
 };
 
 fn all() -> Requirements {
-    Requirements { transmission: true, smooth_normals: true, light_sampling: true, filter_weights: true }
+    Requirements {
+        transmission: true,
+        smooth_normals: true,
+        light_sampling: true,
+        filter_weights: true,
+        instances: true,
+    }
 }
 
 #[test]

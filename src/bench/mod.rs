@@ -218,8 +218,8 @@ fn ablation(subject: &Subject, effort: Effort) -> Vec<Step> {
         ("megakernel", Variant { engine: EngineKind::Megakernel, ..Variant::default() }),
         ("+ wide tree", Variant { engine: EngineKind::MegakernelWide, ..Variant::default() }),
     ];
-    if Level::OneLane.is_available() {
-        steps.push(("wavefront, one lane", wavefront(Level::OneLane, Policy::Single)));
+    if let Some(one_lane) = Level::one_lane() {
+        steps.push(("wavefront, one lane", wavefront(one_lane, Policy::Single)));
     }
     steps.extend([
         ("+ SIMD", wavefront(wide, Policy::Single)),

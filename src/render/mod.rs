@@ -234,7 +234,7 @@ impl<'s> Render<'s> {
     /// # Errors
     /// [`RenderError::Choice`].
     pub fn check(&self) -> Result<(), RenderError> {
-        let Settings { threads, batch, level, .. } = self.settings;
+        let Settings { threads, batch, .. } = self.settings;
         let wrong = |what, found: String, expected: &str| {
             Err(RenderError::Choice { what, found, expected: expected.into() })
         };
@@ -252,9 +252,6 @@ impl<'s> Render<'s> {
             && !(error > 0.0)
         {
             return wrong("the error to render to", error.to_string(), "a number above 0");
-        }
-        if !level.is_available() {
-            return wrong("the instruction set", level.name().into(), "one that this machine has");
         }
         Ok(())
     }

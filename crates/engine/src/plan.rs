@@ -111,6 +111,7 @@ impl Plan {
             smooth_normals: geometry.smooth_triangles() > 0,
             light_sampling: light_kinds != 0,
             filter_weights: scene.camera().filter().has_negative_lobes(),
+            instances: false,
         };
         let primitives = Primitives {
             triangles: geometry.triangles().len(),
@@ -156,6 +157,7 @@ impl Plan {
             smooth_normals: true,
             light_sampling: lit,
             filter_weights: true,
+            instances: false,
         };
         plan.light_kinds = if lit { kind::ALL } else { 0 };
         plan.shade_kernels = MaterialClass::scattering().collect();

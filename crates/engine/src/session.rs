@@ -108,9 +108,6 @@ impl Settings {
             let expected = format!("{least} to {most}");
             return wrong("the number of paths in a pool", self.batch.to_string(), &expected);
         }
-        if !self.level.is_available() {
-            return wrong("the instruction set", self.level.name().into(), "one that this machine has");
-        }
         Ok(())
     }
 }

@@ -110,9 +110,15 @@ impl<'a> NaiveBvh<'a> {
     #[inline(always)]
     fn walk(&self, origin: [f32; 3], direction: [f32; 3], t_max: f32, any: bool) -> Hit {
         let mut hit = Hit::none(t_max);
-        let mut ray = Ray::new(Vec3A::from(origin), Vec3A::from(direction), 0.0, beyond(t_max));
         let [x, y, z] = direction.map(inverse);
-        ray.inv_direction = vec3a(x, y, z);
+        // Not by its `new`, which asserts in debug builds that a ray is one: broken samples make others.
+        let ray = Ray {
+            origin: Vec3A::from(origin),
+            direction: Vec3A::from(direction),
+            inv_direction: vec3a(x, y, z),
+            tmin: 0.0,
+            tmax: beyond(t_max),
+        };
         let sheared = ShearedRay::new(origin, direction);
         let mut leaf = |node: &Bvh2Node, ray: &mut Ray, _: &mut RayHit| {
             let first = node.first_index as usize;

@@ -1,11 +1,11 @@
 //! Light that a path finds by itself: emitting surfaces.
 
-use super::{add_radiance, list_lanes};
+use super::add_radiance;
 use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Real, Uint};
 use crate::material_sort::EMITS;
 use crate::math::{Rgb, Vec3, power_heuristic};
-use crate::queue::{HitQueue, PathQueue, SLOT_BITS, SlotTable};
+use crate::queue::{HitQueue, PathQueue, SLOT_BITS, SlotTable, list_lanes};
 use crate::scene::lights::{LightKinds, pdf};
 use crate::scene::{PrimitiveTag, Scene};
 use crate::shade::surface::Surface;

@@ -3,11 +3,11 @@
 //! The sky has the same radiance in all directions. Sampling it as a light would only compete with the BSDF, which
 //! samples it as well or better: it is found by BSDF sampling alone, with weight 1.
 
-use super::{add_radiance, list_lanes};
+use super::add_radiance;
 use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Real, Uint};
 use crate::math::Rgb;
-use crate::queue::{PathQueue, SLOT_BITS, SlotTable};
+use crate::queue::{PathQueue, SLOT_BITS, SlotTable, list_lanes};
 
 /// The kernel: adds the sky to the listed paths.
 ///

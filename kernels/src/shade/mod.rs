@@ -21,7 +21,7 @@ pub mod thin_dielectric;
 use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Mask, Real, Uint};
 use crate::math::{Frame, Rgb, Vec3, power_heuristic};
-use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable};
+use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable, list_lanes};
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
 use crate::scene::lights::{LightKinds, sample};
 use crate::scene::{PrimitiveTag, Scene};
@@ -247,19 +247,6 @@ impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
             self.shadows,
         );
     }
-}
-
-/// The lanes of a list from place `at`: indices (the last lanes repeat the first one if too few are left), and how
-/// many count.
-#[inline(always)]
-pub(crate) fn list_lanes<F: Real>(list: &[u32], at: usize) -> (F::Uint, usize) {
-    let count = (list.len() - at).min(F::LANES);
-    if count == F::LANES {
-        return (F::Uint::load(list, at), count);
-    }
-    let mut lanes = [list[at]; 16];
-    lanes[..count].copy_from_slice(&list[at..]);
-    (F::Uint::load(&lanes, 0), count)
 }
 
 #[allow(clippy::too_many_arguments)]
