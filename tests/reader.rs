@@ -334,7 +334,7 @@ fn lights_have_pbrts_units() {
     let Light::Point { intensity, position } = lights[1] else { panic!() };
     close(intensity, [2.0 * 20.0 / (4.0 * pi); 3]);
     assert_eq!(position, DVec3::new(1.0, 2.0, 3.0));
-    let Light::Spot { intensity, position, direction, cos_falloff_start, cos_total_width } = lights[2] else {
+    let Light::Spot { intensity, position, direction, cos_falloff_start, cos_total_width, .. } = lights[2] else {
         panic!()
     };
     close(intensity, [3.0 / (2.0 * pi * 0.25); 3]);

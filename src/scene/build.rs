@@ -5,7 +5,7 @@ use super::description as d;
 use glam::{DAffine3, DMat3, DVec3};
 use wavepath_kernels::scene::lights::{
     DistantRow, Emitter, FlatRow, GoniometricRow, Light, LightList, LightTable, PointRow, SphereRow,
-    goniometric,
+    StretchedSpotRow, fade, goniometric,
 };
 use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
 use wavepath_kernels::scene::{
@@ -249,6 +249,10 @@ impl Builder<'_> {
                         (MaterialClass::OrenNayar, shade::oren_nayar::row(reflectance, sigma))
                     }
                 }
+                d::Material::Mirror { reflectance: [0.0, 0.0, 0.0] } => (MaterialClass::Absorber, [0.0; 8]),
+                d::Material::Mirror { reflectance } => {
+                    (MaterialClass::Conductor, shade::conductor::mirror_row(reflectance))
+                }
                 d::Material::Conductor { eta, k, alpha: [0.0, 0.0] } => {
                     (MaterialClass::Conductor, shade::conductor::row(eta, k))
                 }
@@ -481,15 +485,49 @@ impl Builder<'_> {
                     let row = PointRow { position: position.as_vec3().into(), ..PointRow::default() };
                     (intensity, brightness(intensity) * 4.0 * std::f64::consts::PI, Light::Point(row))
                 }
-                d::Light::Spot { intensity, position, direction, cos_falloff_start, cos_total_width } => {
-                    let row = PointRow {
-                        position: position.as_vec3().into(),
-                        axis: direction.as_vec3().into(),
-                        cos_falloff_start: cos_falloff_start as f32,
-                        cos_total_width: cos_total_width as f32,
+                d::Light::Spot {
+                    intensity,
+                    position,
+                    direction,
+                    cos_falloff_start,
+                    cos_total_width,
+                    fade: how,
+                    light_from_world,
+                } => {
+                    let (position, axis) = (position.as_vec3().into(), direction.as_vec3().into());
+                    // Behind, the integral of the profile over directions.
+                    let (fade, cap) = match how {
+                        d::Fade::Smoothstep => {
+                            (fade::SMOOTHSTEP, 1.0 - 0.5 * (cos_falloff_start + cos_total_width))
+                        }
+                        d::Fade::FourthPower => (
+                            fade::FOURTH_POWER,
+                            1.0 - cos_falloff_start + 0.2 * (cos_falloff_start - cos_total_width),
+                        ),
                     };
-                    let cap = 1.0 - 0.5 * (cos_falloff_start + cos_total_width);
-                    (intensity, brightness(intensity) * 2.0 * std::f64::consts::PI * cap, Light::Spot(row))
+                    let (cos_falloff_start, cos_total_width) =
+                        (cos_falloff_start as f32, cos_total_width as f32);
+                    let light = match light_from_world {
+                        None => {
+                            Light::Spot(PointRow { position, axis, cos_falloff_start, cos_total_width, fade })
+                        }
+                        Some(matrix) => {
+                            let rows = matrix.transpose();
+                            let [x, y, z] =
+                                [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().into());
+                            Light::StretchedSpot(StretchedSpotRow {
+                                position,
+                                x,
+                                y,
+                                z,
+                                axis,
+                                cos_falloff_start,
+                                cos_total_width,
+                                fade,
+                            })
+                        }
+                    };
+                    (intensity, brightness(intensity) * 2.0 * std::f64::consts::PI * cap, light)
                 }
                 d::Light::Goniometric { intensity, position, axis } => {
                     let row =

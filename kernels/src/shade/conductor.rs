@@ -1,9 +1,11 @@
-//! Smooth conductor: mirror reflection with the Fresnel reflectance of a complex index.
+//! Smooth conductor: mirror reflection with the Fresnel reflectance of a complex index, or with the same reflectance at
+//! every angle (an ideal mirror).
 //!
 //! | column | parameter | range |
 //! |---|---|---|
-//! | 0..3 | `eta`, real part of the index | above 0 |
+//! | 0..3 | `eta`, real part of the index; of an ideal mirror its reflectance | above 0 |
 //! | 3..6 | `k`, absorption coefficient | 0 and above |
+//! | 6 | whether it is an ideal mirror | 0 or 1 |
 
 use super::bsdf::{Bsdf, BsdfSample, MaterialRow};
 use super::fresnel;
@@ -15,6 +17,13 @@ use crate::math::Vec3;
 pub struct Conductor<F: Real> {
     eta: Vec3<F>,
     k: Vec3<F>,
+    ideal: F::Mask,
+}
+
+/// The parameters of an ideal mirror.
+pub fn mirror_row(reflectance: [f32; 3]) -> [f32; 8] {
+    let [r, g, b] = reflectance;
+    [r, g, b, 0.0, 0.0, 0.0, 1.0, 0.0]
 }
 
 /// The parameters of a smooth conductor.
@@ -28,13 +37,13 @@ impl<F: Real> Bsdf<F> for Conductor<F> {
 
     #[inline(always)]
     fn load(row: MaterialRow<F>) -> Self {
-        Conductor { eta: row.vector(0), k: row.vector(3) }
+        Conductor { eta: row.vector(0), k: row.vector(3), ideal: row.get(6).gt(F::zero()) }
     }
     #[inline(always)]
     fn sample(&self, wo: Vec3<F>, _u: [F; 2]) -> BsdfSample<F> {
         BsdfSample {
             wi: Vec3::new(-wo.x, -wo.y, wo.z),
-            weight: fresnel::conductor(wo.z, self.eta, self.k),
+            weight: Vec3::select(self.ideal, self.eta, fresnel::conductor(wo.z, self.eta, self.k)),
             pdf: F::zero(),
             eta_scale: F::one(),
             valid: wo.z.gt(F::zero()),

@@ -13,7 +13,7 @@ use crate::pbrt::lexer::shorten;
 use crate::pbrt::parameters::{ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::spectra::Rgb64;
-use crate::scene::{Emission, Light};
+use crate::scene::{Emission, Fade, Light};
 use wavepath_kernels::scene::lights::goniometric;
 
 use super::values::rgb32;
@@ -126,6 +126,8 @@ impl Builder {
             direction,
             cos_falloff_start,
             cos_total_width,
+            fade: Fade::Smoothstep,
+            light_from_world: None,
         })
     }
 
