@@ -46,5 +46,5 @@ pub use glam;
 pub use render::{Picture, Render, RenderError, Update};
 pub use scene::{Scene, SceneError};
 pub use wavepath_engine as engine;
-pub use wavepath_kernels as kernels;
 pub use wavepath_engine::{film, plan};
+pub use wavepath_kernels as kernels;
