@@ -315,6 +315,11 @@ fn furnaces_are_white() {
         assert_eq!(s.weight.lane(0), [1.0; 3]);
         assert!(s.valid && s.pdf == 0.0);
         assert_eq!(s.wi.lane(0), [-wo[0] as f32, -wo[1] as f32, wo[2] as f32]);
+        // An ideal mirror reflects the same at every angle.
+        let mirror = bsdf::<ConductorMaterial, f32>(conductor::mirror_row([0.25, 0.5, 1.0]));
+        let s = mirror.sample(lanes(wo), [0.3, 0.8]);
+        assert_eq!((s.weight.lane(0), s.valid), ([0.25, 0.5, 1.0], true));
+        assert_eq!(s.wi.lane(0), [-wo[0] as f32, -wo[1] as f32, wo[2] as f32]);
     }
 }
 

@@ -17,7 +17,8 @@ use wavepath_kernels::math::{Rgb, Vec3};
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol, Stream, stream_seed};
 use wavepath_kernels::scene::lights::{
     self, AllLights, DistantRow, Emitter, FlatRow, GoniometricRow, LightKind, LightKinds, LightList,
-    LightRow, LightTable, NoLights, PointRow, SphereRow, Spheres, WithLights, goniometric, kind, with_lights,
+    LightRow, LightTable, NoLights, PointRow, SphereRow, Spheres, StretchedSpotRow, WithLights, fade,
+    goniometric, kind, with_lights,
 };
 use wavepath_kernels::scene::{
     BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, MaterialTable, NoRow, Scene, SceneParts,
@@ -503,12 +504,28 @@ fn lights_without_extent() {
     let point = table_of([(EMITTER, lights::Light::Point(PointRow { position, ..PointRow::default() }))]);
     let axis = narrow(normalize([0.2, 0.5, -0.8]));
     let (start, end) = (30f64.to_radians().cos(), 45f64.to_radians().cos());
-    let spot = |start: f64, end: f64| {
+    let spot = |start: f64, end: f64, fade: f32| {
         let (cos_falloff_start, cos_total_width) = (start as f32, end as f32);
-        let row = PointRow { position, axis, cos_falloff_start, cos_total_width };
+        let row = PointRow { position, axis, cos_falloff_start, cos_total_width, fade };
         table_of([(EMITTER, lights::Light::Spot(row))])
     };
-    let (soft, sharp) = (spot(start, end), spot(end, end));
+    let (soft, sharp) = (spot(start, end, fade::SMOOTHSTEP), spot(end, end, fade::SMOOTHSTEP));
+    let fourth = spot(start, end, fade::FOURTH_POWER);
+    // In a space that is stretched.
+    let matrix = [[1.0f32, 0.5, 0.0], [0.0, 2.0, 0.25], [-0.5, 0.0, 0.5]];
+    let [x, y, z] = matrix;
+    let (cos_falloff_start, cos_total_width) = (start as f32, end as f32);
+    let row = StretchedSpotRow {
+        position,
+        x,
+        y,
+        z,
+        axis,
+        cos_falloff_start,
+        cos_total_width,
+        fade: fade::SMOOTHSTEP,
+    };
+    let stretched = table_of([(EMITTER, lights::Light::StretchedSpot(row))]);
     for _ in 0..5_000 {
         let origin = wide(narrow(random.point(10.0)));
         let to = sub(wide(position), origin);
@@ -527,6 +544,17 @@ fn lights_without_extent() {
         let s = sample(&soft, origin);
         let got = if s.valid { s.radiance.r as f64 } else { 0.0 };
         assert!((got - want).abs() < 1e-5 * RADIANCE[0] as f64 / d2, "{got}, not {want}");
+        let s = sample(&fourth, origin);
+        let got = if s.valid { s.radiance.x as f64 } else { 0.0 };
+        let want = RADIANCE[0] as f64 / d2 * x.powi(4);
+        assert!((got - want).abs() < 1e-5 * RADIANCE[0] as f64 / d2, "fourth power: {got}, not {want}");
+        let inside = normalize(matrix.map(|row| dot(wide(row), towards)));
+        let x = ((-dot(inside, wide(axis)) - end) / (start - end)).clamp(0.0, 1.0);
+        let want = RADIANCE[0] as f64 / d2 * x * x * (3.0 - 2.0 * x);
+        let s = sample(&stretched, origin);
+        assert!(length(sub(array(s.direction), towards)) < 5e-7);
+        let got = if s.valid { s.radiance.x as f64 } else { 0.0 };
+        assert!((got - want).abs() < 1e-5 * RADIANCE[0] as f64 / d2, "stretched: {got}, not {want}");
         let s = sample(&sharp, origin);
         if (cos - end).abs() > 1e-6 {
             assert_eq!(s.valid && s.radiance.r > 0.0, cos > end);

@@ -30,6 +30,10 @@ pub struct RenderArgs {
     #[arg(value_name = "SCENE.pbrt|MODEL.ply", required = true)]
     pub scene: Vec<PathBuf>,
 
+    /// Render what can be rendered: what wavepath lacks is replaced or left out, with a warning for each
+    #[arg(long, help_heading = WHAT)]
+    pub lenient: bool,
+
     /// Size and part of the image.
     #[command(flatten)]
     pub frame: FrameArgs,
@@ -253,6 +257,10 @@ pub struct PlanArgs {
     #[arg(value_name = "SCENE.pbrt")]
     pub scene: PathBuf,
 
+    /// Render what can be rendered: what wavepath lacks is replaced or left out, with a warning for each
+    #[arg(long, help_heading = WHAT)]
+    pub lenient: bool,
+
     /// Size and part of the image.
     #[command(flatten)]
     pub frame: FrameArgs,
@@ -297,6 +305,10 @@ pub struct BenchArgs {
     /// Most worker threads [default: one per processor]
     #[arg(long, value_name = "N", value_parser = parse::threads, allow_hyphen_values = true)]
     pub threads: Option<usize>,
+
+    /// Render what can be rendered: what wavepath lacks is replaced or left out, with a warning for each
+    #[arg(long, help_heading = WHAT)]
+    pub lenient: bool,
 
     /// Print JSON instead of a table
     #[arg(long)]
@@ -598,7 +610,7 @@ mod tests {
             "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --adaptive --layers --tev localhost:14158 --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
              --spherical-lights area --traversal mixed --report c.json -q -o b.png --half --tonemap agx --bits 16 \
-             --compression piz --no-clobber --crop 0,0.5,0,1",
+             --compression piz --no-clobber --crop 0,0.5,0,1 --lenient",
         )
         .unwrap();
         let expected = RenderArgs {
@@ -631,6 +643,7 @@ mod tests {
             tev: Some("localhost:14158".into()),
             spherical_lights: SphericalLightsArg::Area,
             traversal: TraversalArg::Mixed,
+            lenient: true,
             report: Some("c.json".into()),
             quiet: true,
         };

@@ -33,7 +33,8 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         scenes: Vec::new(),
     };
     // All scenes are read before the first is measured, so that a wrong one is told at once.
-    let read = |path: &PathBuf| crate::pbrt::load(path).map_err(|error| Failure::Input(error.to_string()));
+    let load = if args.lenient { crate::pbrt::load_leniently } else { crate::pbrt::load };
+    let read = |path: &PathBuf| load(path).map_err(|error| Failure::Input(error.to_string()));
     let loaded = scenes.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     for (path, loaded) in scenes.iter().zip(loaded) {
         let mut description = loaded.scene;

@@ -15,7 +15,8 @@ pub(super) fn open(
     quiet: bool,
 ) -> Result<Scene, Failure> {
     let scene = Scene::read(path.display().to_string(), options, || {
-        let mut loaded = crate::pbrt::load(path).map_err(|error| Failure::Input(error.to_string()))?;
+        let load = if options.lenient { crate::pbrt::load_leniently } else { crate::pbrt::load };
+        let mut loaded = load(path).map_err(|error| Failure::Input(error.to_string()))?;
         set_frame(&mut loaded.scene, frame)?;
         Ok::<_, Failure>(loaded)
     })?;

@@ -9,7 +9,8 @@ use crate::scene::SceneOptions;
 
 /// Prints the plan.
 pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
-    let options = SceneOptions { spherical_lights: args.spherical_lights.into(), ..SceneOptions::default() };
+    let spherical_lights = args.spherical_lights.into();
+    let options = SceneOptions { spherical_lights, lenient: args.lenient, ..SceneOptions::default() };
     let scene = open(&args.scene, &options, &args.frame, args.json)?;
     let (description, plan) = (scene.description(), scene.plan());
     let film = &description.film;

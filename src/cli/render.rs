@@ -115,7 +115,8 @@ fn read(args: &RenderArgs, voice: &Voice) -> Result<Loaded, Failure> {
                 scene.display()
             )));
         }
-        return crate::pbrt::load(scene).map_err(|error| Failure::Input(error.to_string()));
+        let read = if args.lenient { crate::pbrt::load_leniently } else { crate::pbrt::load };
+        return read(scene).map_err(|error| Failure::Input(error.to_string()));
     }
     let other = args.scene.iter().find(|path| !model::is_mesh(path)).expect("not all are meshes");
     Err(Failure::Usage(format!(

@@ -36,6 +36,8 @@ pub struct Span {
 pub(crate) enum Place {
     /// Nothing that could be shown.
     Nowhere,
+    /// The scene as a whole: its main file.
+    Scene,
     /// A range of a scene file.
     Span(Span),
     /// The value of this index behind the bracket (or the single value) at the span. Values have no spans of
@@ -57,6 +59,9 @@ pub(crate) struct Problem {
     /// Not an error: the file turned out to follow other rules (pbrt-v3) after something had been decided by the
     /// rules of pbrt-v4, and must be read again from the start.
     pub restart: bool,
+    /// Not a mistake: pbrt has it and wavepath lacks it. It matters only if something uses it. Says what can be
+    /// rendered instead.
+    pub lacking: Option<&'static str>,
 }
 
 /// Result inside the reader. Boxed, so that the good case stays small.
@@ -70,6 +75,7 @@ impl Problem {
             label: String::new(),
             notes: Vec::new(),
             restart: false,
+            lacking: None,
         })
     }
 
@@ -79,6 +85,12 @@ impl Problem {
 
     pub(crate) fn label(mut self: Box<Self>, label: impl Into<String>) -> Box<Problem> {
         self.label = label.into();
+        self
+    }
+
+    /// Marks what pbrt has and wavepath lacks, with what can be rendered instead.
+    pub(crate) fn lacking(mut self: Box<Self>, instead: &'static str) -> Box<Problem> {
+        self.lacking = Some(instead);
         self
     }
 
@@ -184,12 +196,9 @@ fn write_excerpt(f: &mut fmt::Formatter<'_>, location: &Location, label: &str) -
     Ok(())
 }
 
-impl fmt::Display for Diagnostic {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self.severity {
-            Severity::Error => "error: ",
-            Severity::Warning => "warning: ",
-        })?;
+impl Diagnostic {
+    /// All but the word `error` or `warning` before it.
+    fn write_text(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.location {
             Some(location) => {
                 write!(f, "{location}: {}", self.message)?;
@@ -211,15 +220,37 @@ impl fmt::Display for Diagnostic {
     }
 }
 
-/// Why a scene could not be read. Prints as its [`Diagnostic`].
+impl fmt::Display for Diagnostic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self.severity {
+            Severity::Error => "error: ",
+            Severity::Warning => "warning: ",
+        })?;
+        self.write_text(f)
+    }
+}
+
+/// Why a scene could not be read: the first complaint, and further ones, so that all that a scene lacks is known at
+/// once. Prints all of them; the first without the word `error`, which whoever prints an error puts before it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct Error(pub Box<Diagnostic>);
+pub struct Error {
+    /// The first complaint.
+    pub first: Box<Diagnostic>,
+    /// Further ones.
+    pub others: Vec<Diagnostic>,
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.first.write_text(f)?;
+        self.others.iter().try_for_each(|other| write!(f, "\n{other}"))
+    }
+}
 
 impl std::ops::Deref for Error {
     type Target = Diagnostic;
 
     fn deref(&self) -> &Diagnostic {
-        &self.0
+        &self.first
     }
 }

@@ -8,6 +8,7 @@ use crate::scene::{Emission, MaterialId};
 
 use super::error::Span;
 use super::parameters::Parameter;
+use super::parser::Name;
 
 /// Which ends of the shutter interval transforms apply to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +34,28 @@ pub(crate) struct AreaLight {
     pub span: Span,
 }
 
+/// The media on both sides of following shapes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct MediumInterface {
+    /// One of them is not the vacuum: its place.
+    pub named: Option<Span>,
+    /// A path that crosses the surface changes the medium.
+    pub is_transition: bool,
+    /// The outside, in which the camera and lights are, is not the vacuum.
+    pub outside: bool,
+}
+
+impl MediumInterface {
+    pub(crate) fn new(inside: &Name, outside: &Name) -> MediumInterface {
+        let named = [inside, outside].into_iter().find(|name| !name.text.is_empty());
+        MediumInterface {
+            named: named.map(|name| name.span),
+            is_transition: inside.text != outside.text,
+            outside: !outside.text.is_empty(),
+        }
+    }
+}
+
 /// Everything that `AttributeBegin` saves and `AttributeEnd` brings back.
 #[derive(Clone, Debug)]
 pub(crate) struct GraphicsState {
@@ -40,6 +63,7 @@ pub(crate) struct GraphicsState {
     pub ctm: [DAffine3; 2],
     pub active: ActiveTransform,
     pub material: MaterialId,
+    pub medium: MediumInterface,
     pub area_light: Option<AreaLight>,
     pub reverse_orientation: bool,
     /// Shared, because they change rarely and states are saved often.
@@ -52,6 +76,7 @@ impl GraphicsState {
             ctm: [DAffine3::IDENTITY; 2],
             active: ActiveTransform::All,
             material,
+            medium: MediumInterface::default(),
             area_light: None,
             reverse_orientation: false,
             defaults: Rc::default(),

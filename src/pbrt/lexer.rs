@@ -83,6 +83,8 @@ pub(crate) struct Lexer {
     base: u64,
     line: u32,
     line_start: u64,
+    /// Offset behind the last carriage return: a line feed there belongs to it.
+    behind_return: u64,
     exhausted: bool,
     peeked: Option<Token>,
 }
@@ -106,6 +108,7 @@ impl Lexer {
             base: 0,
             line: 1,
             line_start: 0,
+            behind_return: 0,
             exhausted: false,
             peeked: None,
         }
@@ -166,10 +169,19 @@ impl Lexer {
         }
     }
 
-    fn newline(&mut self) {
-        // Four thousand million lines are not a scene; the number then stays where it is.
-        self.line = self.line.saturating_add(1);
-        self.line_start = self.base + self.position as u64;
+    /// Takes the byte that ends a line: a line feed, a carriage return, or both together.
+    fn newline(&mut self, byte: u8) {
+        let at = self.base + self.position as u64;
+        self.position += 1;
+        let second_half = byte == b'\n' && at > 0 && at == self.behind_return;
+        if !second_half {
+            // Four thousand million lines are not a scene; the number then stays where it is.
+            self.line = self.line.saturating_add(1);
+        }
+        if byte == b'\r' {
+            self.behind_return = at + 1;
+        }
+        self.line_start = at + 1;
     }
 
     fn skip_space_and_comments(&mut self) -> Result<()> {
@@ -177,10 +189,9 @@ impl Lexer {
         loop {
             while self.position < self.filled {
                 let byte = self.buffer[self.position];
-                if byte == b'\n' {
+                if matches!(byte, b'\n' | b'\r') {
                     in_comment = false;
-                    self.position += 1;
-                    self.newline();
+                    self.newline(byte);
                 } else if in_comment || is_space(byte) {
                     self.position += 1;
                 } else if byte == b'#' {
@@ -441,6 +452,18 @@ mod tests {
         assert_eq!((span.line, span.line_start, span.start, span.end), (2, 3, 5, 9));
         let span = lexer.next_token().unwrap().span;
         assert_eq!((span.line, span.start, span.end), (2, 10, 11));
+    }
+
+    #[test]
+    fn carriage_returns_end_comments_and_lines() {
+        for end in ["\n", "\r", "\r\n"] {
+            let text = format!("# one{end}a # two{end}{end} b");
+            let mut lexer = Lexer::new(FileId(0), Box::new(Trickle(text.into_bytes(), 0)));
+            for (word, line) in [("a", 2), ("b", 4)] {
+                let token = lexer.next_token().unwrap();
+                assert_eq!((token.kind, token.span.line), (TokenKind::Word(word.into()), line), "{end:?}");
+            }
+        }
     }
 
     #[test]

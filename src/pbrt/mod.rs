@@ -29,12 +29,14 @@
 
 mod dialect;
 mod error;
+mod foreign;
 mod graphics_state;
 mod interpret;
 mod lexer;
 mod parameters;
 mod parser;
 mod ply;
+mod polygon;
 mod source;
 mod spectra;
 mod suggest;
@@ -49,7 +51,7 @@ pub use error::{Diagnostic, Error, Excerpt, Location, Severity};
 use crate::scene::SceneDescription;
 use dialect::Dialect;
 use error::{Place, Problem};
-use interpret::Builder;
+use interpret::{Builder, Flow};
 use lexer::Lexer;
 use parser::Parser;
 use source::Sources;
@@ -69,21 +71,37 @@ pub struct Loaded {
 /// come from a pipe; the files that it refers to may not.
 ///
 /// # Errors
-/// The first thing in the files that is wrong, or that wavepath cannot render rightly.
+/// The first thing in the files that is wrong, or everything that wavepath cannot render rightly.
 pub fn load(path: &Path) -> Result<Loaded, Error> {
+    load_file(path, false)
+}
+
+/// As [`load`], but what wavepath lacks is replaced by something that it has, or left out, and each replacement is
+/// among the warnings: for benchmarks, where the light need not be right.
+///
+/// # Errors
+/// The first thing in the files that is wrong.
+pub fn load_leniently(path: &Path) -> Result<Loaded, Error> {
+    load_file(path, true)
+}
+
+fn load_file(path: &Path, lenient: bool) -> Result<Loaded, Error> {
     let cannot = |error: std::io::Error| {
         Problem::new(Place::Nowhere, format!("cannot read {}: {error}", path.display()))
     };
-    let directory = path.parent().unwrap_or(Path::new(""));
+    // The files of a scene from standard input are not beside the device.
+    let is_device = ["/dev", "/proc"].iter().any(|root| path.starts_with(root));
+    let directory = if is_device { Path::new("") } else { path.parent().unwrap_or(Path::new("")) };
     let special = source::read_special(path);
-    let special = special.map_err(|error| Sources::default().error(&cannot(error)))?;
+    let special = special.map_err(|error| Sources::default().error(&[*cannot(error)]))?;
     if let Some(bytes) = special {
-        return load_bytes(&bytes, &path.display().to_string(), directory);
+        return load_text(&bytes, &path.display().to_string(), directory, lenient);
     }
-    load_with(|sources| {
+    let open = |sources: &mut Sources| {
         let lexer = sources.open(path).map_err(cannot)?;
         Ok((lexer, Some(path.to_path_buf()), directory.to_path_buf()))
-    })
+    };
+    load_with(open, lenient)
 }
 
 /// Reads a scene from a text. `name` stands for the file in messages; file names in the text are relative to
@@ -100,14 +118,18 @@ pub fn load_str(text: &str, name: &str, base_dir: &Path) -> Result<Loaded, Error
 /// # Errors
 /// As [`load`].
 pub fn load_bytes(bytes: &[u8], name: &str, base_dir: &Path) -> Result<Loaded, Error> {
-    load_with(|sources| Ok((sources.open_text(name, bytes), None, base_dir.to_path_buf())))
+    load_text(bytes, name, base_dir, false)
+}
+
+fn load_text(bytes: &[u8], name: &str, base_dir: &Path, lenient: bool) -> Result<Loaded, Error> {
+    load_with(|sources| Ok((sources.open_text(name, bytes), None, base_dir.to_path_buf())), lenient)
 }
 
 type Opened = (Lexer, Option<PathBuf>, PathBuf);
 
-fn load_with(open: impl Fn(&mut Sources) -> error::Result<Opened>) -> Result<Loaded, Error> {
-    match load_as(&open, Dialect::default()) {
-        Err(Outcome::Restart) => match load_as(&open, Dialect::v3()) {
+fn load_with(open: impl Fn(&mut Sources) -> error::Result<Opened>, lenient: bool) -> Result<Loaded, Error> {
+    match load_as(&open, Dialect::default(), lenient) {
+        Err(Outcome::Restart) => match load_as(&open, Dialect::v3(), lenient) {
             Ok(loaded) => Ok(loaded),
             Err(Outcome::Failed(error)) => Err(error),
             Err(Outcome::Restart) => {
@@ -127,26 +149,37 @@ enum Outcome {
 fn load_as(
     open: &impl Fn(&mut Sources) -> error::Result<Opened>,
     dialect: Dialect,
+    lenient: bool,
 ) -> Result<Loaded, Outcome> {
     let mut sources = Sources::default();
-    let fail = |sources: &Sources, problem: Box<Problem>| match problem.restart {
+    let fail = |sources: &Sources, problems: &[Problem]| match problems.iter().any(|problem| problem.restart)
+    {
         true => Outcome::Restart,
-        false => Outcome::Failed(sources.error(&problem)),
+        false => Outcome::Failed(sources.error(problems)),
     };
-    let (lexer, path, directory) = open(&mut sources).map_err(|problem| fail(&sources, problem))?;
+    let (lexer, path, directory) = open(&mut sources).map_err(|problem| fail(&sources, &[*problem]))?;
     let mut parser = Parser::new(lexer, path.as_deref(), &directory);
-    let mut builder = Builder::new(dialect, directory);
+    let mut builder = Builder::new(dialect, directory, lenient);
     loop {
         match parser.next(&mut sources) {
-            Ok(Some(statement)) => {
-                let result = builder.statement(statement, parser.directory());
-                result.map_err(|problem| fail(&sources, parser.trace(problem)))?;
-            }
+            Ok(Some(statement)) => match builder.statement(statement, parser.directory()) {
+                Ok(Flow::On) => {}
+                Ok(Flow::Ended) => break,
+                Err(problem) => return Err(fail(&sources, &builder.failure(parser.trace(problem)))),
+            },
             Ok(None) => break,
-            Err(problem) => return Err(fail(&sources, parser.trace(problem))),
+            Err(problem) => {
+                // What is wrong with a file of another format is that it is one.
+                let foreign = match problem.place {
+                    Place::Span(span) => sources.foreign(span.file),
+                    _ => None,
+                };
+                let problem = parser.trace(foreign.unwrap_or(problem));
+                return Err(fail(&sources, &builder.failure(problem)));
+            }
         }
     }
-    let finished = builder.finish().map_err(|problem| fail(&sources, problem))?;
+    let finished = builder.finish().map_err(|problems| fail(&sources, &problems))?;
     let warnings =
         finished.warnings.iter().map(|problem| sources.render(problem, Severity::Warning)).collect();
     sources.inputs.extend(finished.inputs);

@@ -91,6 +91,12 @@ impl ParameterType {
         }
     }
 
+    /// The types of vertices, normals and texture coordinates.
+    pub(crate) fn is_of_a_mesh(self) -> bool {
+        use ParameterType::*;
+        matches!(self, Float | Point2 | Vector2 | Point3 | Vector3 | Normal3)
+    }
+
     /// Numbers that make one value.
     pub(crate) fn arity(self) -> usize {
         use ParameterType::*;
@@ -140,6 +146,17 @@ impl Parameter {
         Place::Value(self.values_span, index)
     }
 
+    /// Where a number stands that is none (`nan`, `inf`): only arrays of a mesh may hold such.
+    fn not_finite(&self) -> Option<Box<Problem>> {
+        let index = self.numbers().iter().position(|number| !number.is_finite())?;
+        let found = self.numbers()[index];
+        let text = match found.is_nan() {
+            true => "`nan` is not a number",
+            false => "number too large",
+        };
+        Some(Problem::new(self.place(index), text).label("expected a finite number"))
+    }
+
     /// A complaint about the value.
     pub(crate) fn problem(&self, message: impl Into<String>) -> Box<Problem> {
         Problem::new(self.place(0), message)
@@ -161,7 +178,7 @@ impl Parameter {
         }
     }
 
-    fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         match &self.values {
             Values::Numbers(numbers) => numbers.len(),
             Values::Integers(integers) => integers.len(),
@@ -193,11 +210,28 @@ pub(crate) struct Parameters {
     own: Vec<Parameter>,
     defaults: Vec<Rc<Parameter>>,
     asked: RefCell<Vec<&'static str>>,
+    /// Of the directive.
+    directive: Option<Span>,
+    /// Arrays that are empty or hold too many numbers for their type: left out or cut, as pbrt-v3 does; pbrt-v4 refuses
+    /// them.
+    mistakes: Vec<Problem>,
+    /// pbrt-v3 takes no notice of a parameter whose type is not the one that it looks for.
+    forgives_types: bool,
 }
 
 impl Parameters {
-    pub(crate) fn new(own: Vec<Parameter>) -> Parameters {
-        Parameters { own, ..Parameters::default() }
+    pub(crate) fn new(own: Vec<Parameter>, directive: Span, mistakes: Vec<Problem>) -> Parameters {
+        Parameters { own, directive: Some(directive), mistakes, ..Parameters::default() }
+    }
+
+    /// Leaves parameters of an unexpected type unused instead of complaining, as pbrt-v3 does.
+    pub(crate) fn forgive_types(&mut self) {
+        self.forgives_types = true;
+    }
+
+    /// Takes the complaints about arrays.
+    pub(crate) fn take_mistakes(&mut self) -> Vec<Problem> {
+        std::mem::take(&mut self.mistakes)
     }
 
     /// Adds the defaults of `Attribute`. They may stay unused.
@@ -229,13 +263,31 @@ impl Parameters {
         Some(found)
     }
 
-    /// The parameter of this name, which must have one of these types.
+    /// Whether there is a parameter of this name. It does not count as used.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.own.iter().any(|p| p.name == name) || self.defaults.iter().any(|p| p.name == name)
+    }
+
+    /// The parameter of this name, which must have one of these types and hold finite numbers.
     pub(crate) fn typed(&self, name: &'static str, types: &[ParameterType]) -> Result<Option<&Parameter>> {
+        let found = self.array(name, types)?;
+        match found.and_then(Parameter::not_finite) {
+            Some(problem) => Err(problem),
+            None => Ok(found),
+        }
+    }
+
+    /// As [`Parameters::typed`], for arrays of a mesh, in which exporters leave numbers that are none.
+    pub(crate) fn array(&self, name: &'static str, types: &[ParameterType]) -> Result<Option<&Parameter>> {
         let Some(parameter) = self.find(name) else {
             return Ok(None);
         };
         if types.contains(&parameter.ty) {
             return Ok(Some(parameter));
+        }
+        if self.forgives_types {
+            parameter.used.set(false);
+            return Ok(None);
         }
         let expected: Vec<&str> = types.iter().map(|t| t.name()).collect();
         Err(Problem::at(parameter.span, format!("parameter \"{name}\" has type {}", parameter.ty.name()))
@@ -282,7 +334,12 @@ impl Parameters {
 
     /// A complaint about the value of a parameter.
     pub(crate) fn bad(&self, name: &'static str, value: &str, expected: impl Into<String>) -> Box<Problem> {
-        let place = self.find(name).map_or(Place::Nowhere, |p| p.place(0));
+        // What is not given is a default that another parameter spoils: the directive is at fault.
+        let place = match (self.find(name), self.directive) {
+            (Some(parameter), _) => parameter.place(0),
+            (None, Some(span)) => Place::Span(span),
+            (None, None) => Place::Scene,
+        };
         Problem::new(place, format!("\"{name}\" is {}", shorten(value))).label(expected)
     }
 

@@ -108,7 +108,7 @@ pub(crate) struct Statement {
 }
 
 /// Every directive, for messages.
-const KEYWORDS: [&str; 41] = [
+pub(crate) const KEYWORDS: [&str; 41] = [
     "Accelerator",
     "ActiveTransform",
     "AreaLightSource",
@@ -239,7 +239,7 @@ impl Parser {
             let name = self.name()?;
             return self.include(name, span, word == "Import", sources);
         }
-        let (keyword, directive) = match self.directive(word) {
+        let (keyword, directive) = match self.directive(word, span) {
             Ok(Some(found)) => found,
             Ok(None) => return Err(unknown_directive(word, span)),
             Err(problem) => return Err(problem),
@@ -247,7 +247,7 @@ impl Parser {
         Ok(Some(Statement { keyword, span, directive, v3_sign: self.v3_sign }))
     }
 
-    fn directive(&mut self, word: &str) -> Result<Option<(&'static str, Directive)>> {
+    fn directive(&mut self, word: &str, span: Span) -> Result<Option<(&'static str, Directive)>> {
         if let Some((keyword, plain)) = plain_directive(word) {
             return Ok(Some((keyword, Directive::Plain(plain))));
         }
@@ -256,7 +256,7 @@ impl Parser {
         }
         if let Some((keyword, entity)) = entity_directive(word) {
             let name = self.name()?;
-            return Ok(Some((keyword, Directive::Entity(entity, name, self.parameters()?))));
+            return Ok(Some((keyword, Directive::Entity(entity, name, self.parameters(span)?))));
         }
         let (keyword, directive) = match word {
             "Translate" => ("Translate", Directive::Transform(TransformOp::Translate(self.numbers()?))),
@@ -272,7 +272,7 @@ impl Parser {
             ),
             "TransformTimes" => ("TransformTimes", Directive::Transform(TransformOp::Times(self.numbers()?))),
             "ActiveTransform" => ("ActiveTransform", Directive::ActiveTransform(self.bare_word()?)),
-            "Texture" => ("Texture", self.texture()?),
+            "Texture" => ("Texture", self.texture(span)?),
             "MediumInterface" => ("MediumInterface", self.medium_interface()?),
             "Option" => ("Option", Directive::Option(self.option()?)),
             _ => return Ok(None),
@@ -280,9 +280,9 @@ impl Parser {
         Ok(Some((keyword, directive)))
     }
 
-    fn texture(&mut self) -> Result<Directive> {
+    fn texture(&mut self, span: Span) -> Result<Directive> {
         let (name, value_type, class) = (self.name()?, self.name()?, self.name()?);
-        Ok(Directive::Texture { name, value_type, class, parameters: self.parameters()? })
+        Ok(Directive::Texture { name, value_type, class, parameters: self.parameters(span)? })
     }
 
     /// Both names may share one string's place: pbrt takes the second to be the first where it is missing.
@@ -302,7 +302,7 @@ impl Parser {
             return Err(expected(&token, "expected the option's quoted name"));
         };
         if text.split_whitespace().count() == 2 {
-            return self.parameter(&token);
+            return self.parameter(&token, &mut Vec::new());
         }
         let (name, value) = (text.clone(), self.lexer().next_token()?);
         let (ty, values) = match &value.kind {
@@ -362,16 +362,21 @@ impl Parser {
         Ok(values)
     }
 
-    fn parameters(&mut self) -> Result<Parameters> {
+    fn parameters(&mut self, directive: Span) -> Result<Parameters> {
         let mut parameters = Vec::new();
+        let mut mistakes = Vec::new();
         while let TokenKind::Quoted(_) = self.lexer().peek()?.kind {
             let declaration = self.lexer().next_token()?;
-            parameters.push(self.parameter(&declaration)?);
+            let parameter = self.parameter(&declaration, &mut mistakes)?;
+            if parameter.len() > 0 {
+                parameters.push(parameter);
+            }
         }
-        Ok(Parameters::new(parameters))
+        Ok(Parameters::new(parameters, directive, mistakes))
     }
 
-    fn parameter(&mut self, declaration: &Token) -> Result<Parameter> {
+    /// Arrays that are empty or hold too many numbers are complained about in `mistakes`; the numbers are cut off.
+    fn parameter(&mut self, declaration: &Token, mistakes: &mut Vec<Problem>) -> Result<Parameter> {
         let TokenKind::Quoted(text) = &declaration.kind else {
             return Err(expected(declaration, "expected a quoted \"type name\""));
         };
@@ -401,7 +406,8 @@ impl Parser {
         if sink.quoted_bool {
             self.v3_sign.get_or_insert(values_span);
         }
-        Ok(Parameter::new(ty, name.to_string(), sink.finish(values_span)?, declaration.span, values_span))
+        let values = sink.finish(values_span, mistakes);
+        Ok(Parameter::new(ty, name.to_string(), values, declaration.span, values_span))
     }
 
     fn bracketed_values(&mut self, sink: &mut ValueSink) -> Result<()> {
@@ -465,12 +471,6 @@ fn expected(token: &Token, label: &str) -> Box<Problem> {
     Problem::at(token.span, format!("unexpected {}", token.describe())).label(label)
 }
 
-fn unknown_directive(word: &str, span: Span) -> Box<Problem> {
-    let hint = did_you_mean(word, &KEYWORDS);
-    Problem::at(span, format!("unknown directive `{}`", shorten(word)))
-        .label(format!("expected a directive such as Shape{hint}"))
-}
-
 fn number(bytes: &[u8], span: Span) -> Result<f64> {
     match parse_number(bytes) {
         Some(value) if value.is_finite() => Ok(value),
@@ -479,6 +479,30 @@ fn number(bytes: &[u8], span: Span) -> Result<f64> {
             Err(Problem::at(span, format!("`{}` is not a number", shorten(&String::from_utf8_lossy(bytes))))
                 .label("expected a number"))
         }
+    }
+}
+
+fn unknown_directive(word: &str, span: Span) -> Box<Problem> {
+    let hint = did_you_mean(word, &KEYWORDS);
+    Problem::at(span, format!("unknown directive `{}`", shorten(word)))
+        .label(format!("expected a directive such as Shape{hint}"))
+}
+
+/// As [`number`], also `nan` and `inf` in the ways in which they are printed: exporters leave them in vertices that no
+/// face uses, and in normals of faces without area.
+fn number_or_none(bytes: &[u8], span: Span) -> Result<f64> {
+    const NONE: [&[u8]; 6] = [b"nan", b"nan(ind)", b"nan(snan)", b"1.#ind", b"1.#qnan", b"1.#snan"];
+    let unsigned = bytes.strip_prefix(b"-").or(bytes.strip_prefix(b"+")).unwrap_or(bytes);
+    let is = |word: &[u8]| unsigned.eq_ignore_ascii_case(word);
+    if NONE.into_iter().any(is) {
+        return Ok(f64::NAN);
+    }
+    if is(b"inf") || is(b"infinity") || is(b"1.#inf") {
+        return Ok(f64::INFINITY);
+    }
+    match parse_number(bytes) {
+        Some(value) => Ok(value),
+        None => number(bytes, span),
     }
 }
 
@@ -538,7 +562,10 @@ impl<'a> ValueSink<'a> {
                 .label(format!("the values up to here need more than {limit}")));
         }
         match self.values.get_or_insert_with(|| Values::Numbers(Vec::new())) {
-            Values::Numbers(numbers) => numbers.push(number(bytes, span)?),
+            Values::Numbers(numbers) => numbers.push(match self.ty.is_of_a_mesh() {
+                true => number_or_none(bytes, span)?,
+                false => number(bytes, span)?,
+            }),
             Values::Integers(integers) => integers.push(integer(bytes, span)?),
             Values::Bools(bools) => match bytes {
                 b"true" => bools.push(true),
@@ -585,8 +612,8 @@ impl<'a> ValueSink<'a> {
             .label(label)
     }
 
-    fn finish(self, span: Span) -> Result<Values> {
-        let values = self.values.unwrap_or(Values::Numbers(Vec::new()));
+    fn finish(self, span: Span, mistakes: &mut Vec<Problem>) -> Values {
+        let mut values = self.values.unwrap_or(Values::Numbers(Vec::new()));
         let (count, arity) = match &values {
             Values::Numbers(numbers) => (numbers.len(), self.ty.arity()),
             Values::Integers(integers) => (integers.len(), 1),
@@ -594,17 +621,20 @@ impl<'a> ValueSink<'a> {
             Values::Bools(bools) => (bools.len(), 1),
         };
         if count == 0 {
-            return Err(Problem::at(span, "parameter without values").label("expected at least one value"));
+            let problem = Problem::at(span, "parameter without values").label("expected at least one value");
+            mistakes.push(*problem);
         }
         if !count.is_multiple_of(arity) {
             let place = Place::Value(span, count - count % arity);
-            return Err(Problem::new(
-                place,
-                format!("{count} numbers for a parameter of type {}", self.ty.name()),
-            )
-            .label(format!("expected a multiple of {arity}; the numbers from here on are left over")));
+            let problem =
+                Problem::new(place, format!("{count} numbers for a parameter of type {}", self.ty.name()))
+                    .label(format!("expected a multiple of {arity}; the numbers from here on are left over"));
+            mistakes.push(*problem);
+            if let Values::Numbers(numbers) = &mut values {
+                numbers.truncate(count - count % arity);
+            }
         }
-        Ok(values)
+        values
     }
 }
 

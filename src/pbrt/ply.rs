@@ -1,4 +1,4 @@
-//! PLY meshes: ASCII and binary of both byte orders, triangles and quads.
+//! PLY meshes: ASCII and binary of both byte orders, faces of any number of corners.
 //!
 //! Nothing is believed before it is read: counts in the header bound loops, never allocations, and vectors grow
 //! with the data that arrives. Elements and properties that mean nothing here are skipped by their sizes.
@@ -8,6 +8,9 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
+
+use super::polygon;
 use super::source::open_maybe_gzipped;
 use crate::memory;
 
@@ -31,8 +34,13 @@ pub(crate) struct PlyMesh {
     pub uvs: Vec<[f64; 2]>,
     /// Quads are split into 0 1 2 and 0 2 3.
     pub triangles: Vec<[u32; 3]>,
-    /// How many quads there were.
-    pub quads: u64,
+    /// For each quad the number of the first of its two triangles.
+    pub quads: Vec<u32>,
+    /// How many faces had more than four corners, and were cut into triangles.
+    pub polygons: u64,
+    /// How many faces were left out: with one or two corners, or with more than four and not plane, or crossing
+    /// themselves.
+    pub skipped: u64,
 }
 
 /// What is wrong with a file, and where in it: `line 12` or `byte 345`, empty for the file as a whole.
@@ -70,8 +78,13 @@ fn read_file(path: &Path) -> Result<PlyMesh> {
 
 /// Reads a mesh.
 pub(crate) fn parse(reader: impl Read) -> Result<PlyMesh> {
-    let mut input =
-        Input { reader: BufReader::with_capacity(1 << 18, reader), line: 1, offset: 0, binary: false };
+    let mut input = Input {
+        reader: BufReader::with_capacity(1 << 18, reader),
+        line: 1,
+        offset: 0,
+        binary: false,
+        ends_with_return: false,
+    };
     let header = read_header(&mut input)?;
     input.binary = header.format != Format::Ascii;
     let mut body = Body { input, format: header.format, word: Vec::new() };
@@ -143,6 +156,8 @@ struct Input<R> {
     line: u64,
     offset: u64,
     binary: bool,
+    /// Lines of the header end with a carriage return alone.
+    ends_with_return: bool,
 }
 
 impl<R: Read> Input<R> {
@@ -163,6 +178,10 @@ impl<R: Read> Input<R> {
         Ok(first)
     }
 
+    fn next_is_not_line_feed(&mut self) -> bool {
+        self.reader.fill_buf().is_ok_and(|buffer| buffer.first() != Some(&b'\n'))
+    }
+
     fn exact<const N: usize>(&mut self) -> Result<[u8; N]> {
         let mut bytes = [0; N];
         self.reader.read_exact(&mut bytes).map_err(|error| match error.kind() {
@@ -179,6 +198,12 @@ impl<R: Read> Input<R> {
         loop {
             match self.byte()? {
                 Some(b'\n') => break,
+                Some(b'\r') if self.ends_with_return => break,
+                // The first line tells.
+                Some(b'\r') if self.offset == 4 && self.next_is_not_line_feed() => {
+                    self.ends_with_return = true;
+                    break;
+                }
                 Some(_) if bytes.len() >= MAX_WORD => {
                     return Err(self.error("line of the header is too long"));
                 }
@@ -309,7 +334,8 @@ impl<R: Read> Body<R> {
                     if !self.word.is_empty() {
                         break;
                     }
-                    self.input.line += u64::from(byte == b'\n');
+                    let ends = if self.input.ends_with_return { b'\r' } else { b'\n' };
+                    self.input.line += u64::from(byte == ends);
                 }
                 Some(_) if self.word.len() >= MAX_WORD => {
                     return Err(self.input.error("a word is too long"));
@@ -350,15 +376,16 @@ fn read_body<R: Read>(body: &mut Body<R>, header: &Header) -> Result<PlyMesh> {
     let mut mesh = PlyMesh::default();
     let mut have_vertices = false;
     let mut have_faces = false;
+    let mut faces = Faces::default();
     for element in &header.elements {
         match element.name.as_str() {
             "vertex" if !have_vertices => {
-                read_vertices(body, element, &mut mesh)?;
+                read_vertices(body, element, &mut mesh, &mut faces)?;
                 have_vertices = true;
             }
             "face" if !have_faces => {
                 let vertices = have_vertices.then_some(mesh.positions.len());
-                read_faces(body, element, &mut mesh, vertices)?;
+                read_faces(body, element, &mut mesh, &mut faces, vertices)?;
                 have_faces = true;
             }
             _ => skip_element(body, element)?,
@@ -369,11 +396,53 @@ fn read_body<R: Read>(body: &mut Body<R>, header: &Header) -> Result<PlyMesh> {
         return Err(PlyError { place: String::new(), message: format!("no element \"{missing}\"") });
     }
     // Needed where the faces stand before the vertices.
-    match mesh.triangles.iter().flatten().find(|&&index| index as usize >= mesh.positions.len()) {
-        None => Ok(mesh),
-        Some(index) => {
-            let message = format!("vertex index {index}, but there are {} vertices", mesh.positions.len());
-            Err(PlyError { place: String::new(), message })
+    let used = || mesh.triangles.iter().flatten().chain(&faces.polygons);
+    if let Some(index) = used().find(|&&index| index as usize >= mesh.positions.len()) {
+        let message = format!("vertex index {index}, but there are {} vertices", mesh.positions.len());
+        return Err(PlyError { place: String::new(), message });
+    }
+    // Exporters leave vertices that are no numbers where no face uses them.
+    if let Some((first, error)) = faces.not_finite.take() {
+        let is_bad = |index: u32| !mesh.positions[index as usize].iter().all(|c| c.is_finite());
+        if let Some(index) = used().find(|index| is_bad(**index)) {
+            return Err(match *index == first {
+                true => error,
+                false => PlyError {
+                    place: String::new(),
+                    message: format!("vertex {index} is not finite, and a face uses it"),
+                },
+            });
+        }
+    }
+    faces.cut_polygons(&mut mesh);
+    Ok(mesh)
+}
+
+/// What is known about the faces while they are read.
+#[derive(Default)]
+struct Faces {
+    /// Corners of all faces with more than four, and how many each of them has.
+    polygons: Vec<u32>,
+    lengths: Vec<u32>,
+    /// The first vertex that is no number, and what to say of it if a face uses it.
+    not_finite: Option<(u32, PlyError)>,
+}
+
+impl Faces {
+    fn cut_polygons(&self, mesh: &mut PlyMesh) {
+        let mut rest = &self.polygons[..];
+        for length in &self.lengths {
+            let (corners, behind) = rest.split_at(*length as usize);
+            rest = behind;
+            let points: Vec<DVec3> =
+                corners.iter().map(|i| DVec3::from_array(mesh.positions[*i as usize])).collect();
+            match polygon::triangulate(&points) {
+                Some(triangles) => {
+                    mesh.polygons += 1;
+                    mesh.triangles.extend(triangles.into_iter().map(|t| t.map(|i| corners[i as usize])));
+                }
+                None => mesh.skipped += 1,
+            }
         }
     }
 }
@@ -413,7 +482,12 @@ fn slot(name: &str) -> Slot {
     })
 }
 
-fn read_vertices<R: Read>(body: &mut Body<R>, element: &Element, mesh: &mut PlyMesh) -> Result<()> {
+fn read_vertices<R: Read>(
+    body: &mut Body<R>,
+    element: &Element,
+    mesh: &mut PlyMesh,
+    faces: &mut Faces,
+) -> Result<()> {
     let slots: Vec<Slot> = element.properties.iter().map(|p| slot(&p.name)).collect();
     let has = |indices: std::ops::Range<usize>| indices.into_iter().all(|i| slots.contains(&Slot::Value(i)));
     if !has(0..3) {
@@ -430,10 +504,9 @@ fn read_vertices<R: Read>(body: &mut Body<R>, element: &Element, mesh: &mut PlyM
             match (property.ty, *slot) {
                 (PropertyType::Scalar(ty), Slot::Value(index)) => {
                     values[index] = body.scalar(ty)?;
-                    if !values[index].is_finite() {
-                        return Err(body
-                            .input
-                            .error(format!("\"{}\" of a vertex is not finite", property.name)));
+                    if index < 3 && !values[index].is_finite() && faces.not_finite.is_none() {
+                        let message = format!("\"{}\" of a vertex is not finite", property.name);
+                        faces.not_finite = Some((i as u32, body.input.error(message)));
                     }
                 }
                 (ty, _) => body.skip(ty)?,
@@ -455,6 +528,7 @@ fn read_faces<R: Read>(
     body: &mut Body<R>,
     element: &Element,
     mesh: &mut PlyMesh,
+    faces: &mut Faces,
     vertices: Option<usize>,
 ) -> Result<()> {
     let most = memory::limit() / PER_FACE;
@@ -472,7 +546,7 @@ fn read_faces<R: Read>(
         for property in &element.properties {
             match property.ty {
                 PropertyType::List { count, item } if is_indices(property) => {
-                    read_face(body, count, item, mesh, vertices)?;
+                    read_face(body, count, item, mesh, faces, vertices)?;
                 }
                 ty => body.skip(ty)?,
             }
@@ -486,27 +560,37 @@ fn read_face<R: Read>(
     count: Scalar,
     item: Scalar,
     mesh: &mut PlyMesh,
+    faces: &mut Faces,
     vertices: Option<usize>,
 ) -> Result<()> {
     let length = body.list_length(count)?;
-    if length != 3 && length != 4 {
-        return Err(body.input.error(format!("a face with {length} vertices: expected 3 or 4")));
-    }
     let mut indices = [0u32; 4];
-    for index in &mut indices[..length as usize] {
+    let first = faces.polygons.len();
+    for i in 0..length {
         let value = body.scalar(item)?;
         let limit = vertices.map_or(f64::from(u32::MAX), |count| count as f64);
         if value.fract() != 0.0 || !(0.0..limit).contains(&value) {
             let known = vertices.map(|count| format!(", but there are {count} vertices")).unwrap_or_default();
             return Err(body.input.error(format!("vertex index {value}{known}")));
         }
-        *index = value as u32;
+        if length > 4 {
+            if faces.polygons.len() as u64 > memory::limit() / PER_FACE {
+                return Err(body.input.error("too many faces for the memory"));
+            }
+            faces.polygons.push(value as u32);
+        } else {
+            indices[i as usize] = value as u32;
+        }
     }
     let [a, b, c, d] = indices;
-    mesh.triangles.push([a, b, c]);
-    if length == 4 {
-        mesh.triangles.push([a, c, d]);
-        mesh.quads += 1;
+    match length {
+        0..3 => mesh.skipped += 1,
+        3 => mesh.triangles.push([a, b, c]),
+        4 => {
+            mesh.quads.push(mesh.triangles.len() as u32);
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+        _ => faces.lengths.push((faces.polygons.len() - first) as u32),
     }
     Ok(())
 }
@@ -565,6 +649,7 @@ mod tests {
         assert_eq!(parse(&binary(false)[..]).unwrap(), mesh);
         assert_eq!(parse(&binary(true)[..]).unwrap(), mesh);
         assert_eq!(parse(ASCII.replace('\n', "\r\n").as_bytes()).unwrap(), mesh);
+        assert_eq!(parse(ASCII.replace('\n', "\r").as_bytes()).unwrap(), mesh);
     }
 
     fn failure(text: &str) -> (String, String) {
@@ -576,11 +661,11 @@ mod tests {
     fn faults_are_placed() {
         for (from, to, place, phrase) in [
             ("0 1 0 9", "0 nan 0 9", "line 23", "not finite"),
+            ("0 0 0 9", "inf 0 0 9", "line 20", "not finite"),
             ("0 1 0 9", "0 zwei 0 9", "line 23", "`zwei`"),
             ("4 0 1 2 3", "4 0 1 2 4", "line 24", "index 4, but there are 4"),
             ("3 0 1 2 8", "3 0 -1 2 8", "line 25", "index -1"),
-            ("3 0 1 2 8", "2 0 1 8", "line 25", "face with 2"),
-            ("3 0 1 2 8", "99 0 1 8", "line 25", "face with 99"),
+            ("3 0 1 2 8", "99 0 1 8", "line 26", "vertex index 5"),
             ("element edge 1", "element edge 9999999999", "line 27", "ends too early"),
             ("property double y", "property double w", "line 20", "no x, y and z"),
             ("property double y", "property half y", "line 6", "unknown type"),
@@ -590,6 +675,30 @@ mod tests {
             let (found, message) = failure(&ASCII.replace(from, to));
             assert!(found == place && message.contains(phrase), "{from} -> {to}: {found}: {message}");
         }
+    }
+
+    #[test]
+    fn faces_of_any_number_of_corners_are_cut_or_counted() {
+        let header = "ply\nformat ascii 1.0\nelement vertex 7\nproperty float x\nproperty float y\nproperty float z\n\
+            element face 4\nproperty list uchar int vertex_indices\nend_header\n";
+        // An L, the same with a corner out of its plane, a line, and a triangle; the last vertex is of no use.
+        let text = format!(
+            "{header}0 0 0\n2 0 0\n2 1 0\n1 1 0\n1 2 0\n0 2 1e-6\nnan 0 0\n6 0 1 2 3 4 5\n2 0 1\n3 0 1 2\n0\n"
+        );
+        let mesh = parse(text.as_bytes()).unwrap();
+        assert_eq!((mesh.polygons, mesh.skipped, mesh.triangles.len()), (1, 2, 5));
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|i| DVec3::from_array(mesh.positions[i as usize]));
+            0.5 * (b - a).cross(c - a).z
+        };
+        assert!((mesh.triangles.iter().map(area).sum::<f64>() - 4.0).abs() < 1e-6);
+        let bent = parse(text.replace("1e-6", "1").as_bytes()).unwrap();
+        assert_eq!((bent.polygons, bent.skipped, bent.triangles.len()), (0, 3, 1));
+        let used = parse(text.replace("3 0 1 2", "3 0 1 6").as_bytes()).unwrap_err();
+        assert_eq!(
+            (used.place.as_str(), used.message.as_str()),
+            ("line 16", "\"x\" of a vertex is not finite")
+        );
     }
 
     #[test]
@@ -630,7 +739,8 @@ mod tests {
                 if let Ok(mesh) = parse(&bytes[..]) {
                     let count = mesh.positions.len();
                     assert!(mesh.triangles.iter().flatten().all(|i| (*i as usize) < count));
-                    assert!(mesh.positions.iter().flatten().all(|c| c.is_finite()));
+                    let is_finite = |i: u32| mesh.positions[i as usize].iter().all(|c| c.is_finite());
+                    assert!(mesh.triangles.iter().flatten().all(|i| is_finite(*i)));
                 }
             }
         }

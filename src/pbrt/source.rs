@@ -8,6 +8,7 @@ use std::sync::Arc;
 use flate2::read::MultiGzDecoder;
 
 use super::error::{Diagnostic, Error, Excerpt, FileId, Location, Place, Problem, Severity, Span};
+use super::foreign;
 use super::lexer::Lexer;
 
 /// Longest part of a line that an excerpt shows on each side of the caret, in bytes.
@@ -122,6 +123,12 @@ impl Sources {
         Lexer::resume(array, reader).nth_value(index).unwrap_or(array)
     }
 
+    /// A complaint about a file that is no pbrt scene but something known.
+    pub(crate) fn foreign(&self, file: FileId) -> Option<Box<Problem>> {
+        let beginning = self.read_range(file, 0, foreign::BEGINNING).ok()?;
+        foreign::explain(&self.sources[file.0 as usize].name, &beginning)
+    }
+
     fn locate(&self, span: Span) -> Location {
         let name = self.sources[span.file.0 as usize].name.clone();
         let from = span.line_start.max(span.start.saturating_sub(EXCERPT_WINDOW));
@@ -139,6 +146,12 @@ impl Sources {
     fn location(&self, place: &Place) -> Option<Location> {
         match place {
             Place::Nowhere => None,
+            Place::Scene => self.sources.first().map(|source| Location {
+                file: source.name.clone(),
+                line: 0,
+                column: 0,
+                excerpt: None,
+            }),
             Place::Span(span) => Some(self.locate(*span)),
             Place::Value(span, index) => Some(self.locate(self.value_span(*span, *index))),
             Place::Other(file) => Some(Location { file: file.clone(), line: 0, column: 0, excerpt: None }),
@@ -156,9 +169,14 @@ impl Sources {
         }
     }
 
-    /// Adds the source lines to an error.
-    pub(crate) fn error(&self, problem: &Problem) -> Error {
-        Error(Box::new(self.render(problem, Severity::Error)))
+    /// Adds the source lines to errors, of which there is one at least. What has no place of its own concerns the
+    /// scene as a whole, which is the first file.
+    pub(crate) fn error(&self, problems: &[Problem]) -> Error {
+        let mut diagnostics = problems.iter().map(|problem| self.render(problem, Severity::Error));
+        Error {
+            first: Box::new(diagnostics.next().expect("there is a complaint")),
+            others: diagnostics.collect(),
+        }
     }
 }
 

@@ -6,7 +6,8 @@
 //! (CIE 15:2004, 10 nm steps).
 //!
 //! * A **surface's** spectrum (reflectance, index of refraction) is looked at under D65, and each channel is
-//!   divided by its own response, so that a constant spectrum c gives (c, c, c).
+//!   divided by its own response, so that a constant spectrum c gives (c, c, c). pbrt-v3 instead looks at it under
+//!   light of equal energy and does not divide: there a constant spectrum c gives (1.205 c, 0.948 c, 0.909 c).
 //! * A **light's** spectrum is projected onto the primaries. pbrt-v4 divides lights by their luminance, so that
 //!   only the colour of a spectrum matters; pbrt-v3 keeps the magnitude.
 
@@ -64,8 +65,11 @@ impl Sampled {
         self.at(wavelength.clamp(self.pairs[0][0], self.pairs[self.pairs.len() - 1][0]))
     }
 
-    /// Colour of a surface's property under D65.
-    pub(crate) fn surface_rgb(&self) -> Rgb64 {
+    /// Colour of a surface's property: see above.
+    pub(crate) fn surface_rgb(&self, v3: bool) -> Rgb64 {
+        if v3 {
+            return light_rgb(|w| self.at(w), true);
+        }
         if let Some(value) = self.constant() {
             return [value; 3];
         }
@@ -160,7 +164,7 @@ pub(crate) fn rgb_from_xyz([x, y, z]: [f64; 3]) -> Rgb64 {
 /// A spectrum that pbrt-v4 knows by name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Named {
-    /// Optical constant of a metal.
+    /// Optical constant of a metal, under light of equal energy.
     Metal(Rgb64),
     /// Index of refraction of a glass at 587.6 nm.
     Glass(f64),
@@ -171,8 +175,8 @@ pub(crate) enum Named {
 /// The named spectra.
 ///
 /// Metals: spectra of Mitsuba's data base (from SOPRA and Palik) converted to linear sRGB, the triples that
-/// Mitsuba 0.6 and Tungsten print; aluminium with the digits of the project's reference scenes. pbrt-v4 uses the
-/// same measured data. Glasses: n_d of the makers' catalogues (Schott; pbrt's F5, F10, F11 are SF5, SF10, SF11).
+/// Mitsuba 0.6 and Tungsten print; pbrt-v4 uses the same measured data. The conversion is pbrt-v3's, in which white of
+/// equal energy has a tint: [`Named::surface_rgb`] takes it out. Glasses: n_d of the makers' catalogues (Schott; pbrt's F5, F10, F11 are SF5, SF10, SF11).
 pub(crate) const NAMED: [(&str, Named); 22] = [
     ("metal-Ag-eta", Named::Metal([0.155_264_65, 0.116_723_3, 0.138_380_7])),
     ("metal-Ag-k", Named::Metal([4.828_343_3, 3.122_246, 2.146_950_4])),
@@ -202,6 +206,22 @@ pub(crate) const NAMED: [(&str, Named); 22] = [
 pub(crate) const UNSUPPORTED_PREFIXES: [&str; 7] =
     ["metal-CuZn-", "stdillum-", "illum-", "canon_", "nikon_", "sony_", "cie1931"];
 
+impl Named {
+    /// Colour of a surface's property; `None` for the spectrum of a light. Metals as pbrt-v3 converts them, or such that a
+    /// constant spectrum would be the same in all channels.
+    pub(crate) fn surface_rgb(self, v3: bool) -> Option<Rgb64> {
+        match self {
+            Named::Metal(rgb) if v3 => Some(rgb),
+            Named::Metal(rgb) => {
+                let white = rgb_from_xyz([1.0; 3]);
+                Some(std::array::from_fn(|i| rgb[i] / white[i]))
+            }
+            Named::Glass(eta) => Some([eta; 3]),
+            Named::WhiteLight => None,
+        }
+    }
+}
+
 /// The named spectrum, if there is one.
 pub(crate) fn named(name: &str) -> Option<Named> {
     // pbrt-v4 calls SF11 both names.
@@ -221,19 +241,40 @@ mod tests {
 
     #[test]
     fn constants_stay_constant() {
-        for v3 in [false, true] {
-            assert_eq!(
-                Sampled::new(&[400.0, 0.3, 550.0, 0.3, 700.0, 0.3], v3).unwrap().surface_rgb(),
-                [0.3; 3]
-            );
-        }
-        let nearly = Sampled::new(&[300.0, 0.3, 800.0, 0.300_000_001], true).unwrap().surface_rgb();
+        let grey = |v3| Sampled::new(&[400.0, 0.3, 550.0, 0.3, 700.0, 0.3], v3).unwrap().surface_rgb(v3);
+        assert_eq!(grey(false), [0.3; 3]);
+        let nearly = Sampled::new(&[300.0, 0.3, 800.0, 0.300_000_001], true).unwrap().surface_rgb(false);
         assert!(nearly.iter().all(|c| (c - 0.3).abs() < 1e-8));
+        // pbrt-v3's grey has a tint: the row sums of the matrix from XYZ, but for the fit of the matching functions.
+        for (c, tint) in grey(true).into_iter().zip([1.205, 0.948, 0.909]) {
+            assert!((c / 0.3 - tint).abs() < 0.01, "{c}, not {tint} times 0.3");
+        }
+    }
+
+    #[test]
+    fn named_metals_reflect_as_their_spectra() {
+        // Reflectance at normal incidence under the white of sRGB, from the spectra themselves (pbrt-v4).
+        let constants = |name: &str, v3| named(name).unwrap().surface_rgb(v3).unwrap();
+        for (metal, right) in [
+            ("MgO", [0.0720, 0.0731, 0.0749]),
+            ("TiO2", [0.232, 0.245, 0.273]),
+            ("Al", [0.913, 0.921, 0.924]),
+        ] {
+            let eta = constants(&format!("metal-{metal}-eta"), false);
+            let k = constants(&format!("metal-{metal}-k"), false);
+            for i in 0..3 {
+                let (n, k2) = (eta[i], k[i] * k[i]);
+                let r = ((n - 1.0).powi(2) + k2) / ((n + 1.0).powi(2) + k2);
+                assert!((r / right[i] - 1.0).abs() < 0.01, "{metal}: {r}, not {}", right[i]);
+            }
+        }
+        assert_eq!(constants("metal-Cu-eta", true), [0.200_437_7, 0.924_033_4, 1.102_212]);
+        assert_eq!(constants("metal-MgO-k", false), [0.0; 3]);
     }
 
     #[test]
     fn red_spectra_are_red() {
-        let [r, g, b] = Sampled::new(&[600.0, 1.0, 700.0, 1.0], false).unwrap().surface_rgb();
+        let [r, g, b] = Sampled::new(&[600.0, 1.0, 700.0, 1.0], false).unwrap().surface_rgb(false);
         assert!(r > 0.5 && g < 0.1 && b < 0.1, "{r} {g} {b}");
     }
 

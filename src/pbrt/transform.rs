@@ -7,9 +7,9 @@ pub(crate) fn translate(v: [f64; 3]) -> DAffine3 {
     DAffine3::from_translation(DVec3::from_array(v))
 }
 
-/// A scale; `None` if a factor is 0.
-pub(crate) fn scale(v: [f64; 3]) -> Option<DAffine3> {
-    invertible(DAffine3::from_scale(DVec3::from_array(v)))
+/// A scale.
+pub(crate) fn scale(v: [f64; 3]) -> DAffine3 {
+    DAffine3::from_scale(DVec3::from_array(v))
 }
 
 /// A rotation by `degrees` about an axis; `None` if the axis has no direction.
@@ -56,24 +56,28 @@ pub(crate) fn look_at(eye: [f64; 3], look: [f64; 3], up: [f64; 3]) -> Option<DAf
     Some(world_from_camera.inverse())
 }
 
-/// Why sixteen numbers are not an affine transform.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum MatrixError {
-    /// The fourth row is not (0, 0, 0, w) with w not 0.
-    Projective,
-    /// It cannot be inverted.
-    Singular,
-}
+/// What single precision, in which exporters calculate, cannot tell from 0 beside 1 after a few operations.
+const ROUNDING: f64 = 8.0 * f32::EPSILON as f64;
 
-/// A transform from sixteen numbers as they stand in a file: column-major, the translation in 12..15.
-pub(crate) fn matrix(m: &[f64; 16]) -> Result<DAffine3, MatrixError> {
-    if m[3] != 0.0 || m[7] != 0.0 || m[11] != 0.0 || m[15] == 0.0 {
-        return Err(MatrixError::Projective);
+/// A transform from sixteen numbers as they stand in a file: column-major, the translation in 12..15. `None` if the
+/// fourth row is not (0, 0, 0, w) with w not 0, but for the rounding of who wrote it.
+pub(crate) fn matrix(m: &[f64; 16]) -> Option<DAffine3> {
+    let is_rounding = |x: f64| x.abs() <= ROUNDING * m[15].abs();
+    if !(is_rounding(m[3]) && is_rounding(m[7]) && is_rounding(m[11])) || m[15] == 0.0 {
+        return None;
     }
     let column = |i: usize| DVec3::new(m[i], m[i + 1], m[i + 2]) / m[15];
-    let affine =
-        DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(4), column(8)), column(12));
-    invertible(affine).ok_or(MatrixError::Singular)
+    Some(DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(4), column(8)), column(12)))
+}
+
+/// Whether two transforms are the same but for the rounding of single precision, relative to the largest entry of the
+/// linear part and to the translation.
+pub(crate) fn same(a: &DAffine3, b: &DAffine3) -> bool {
+    let largest = |m: &DMat3| m.to_cols_array().iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+    let linear = largest(&a.matrix3).max(largest(&b.matrix3));
+    let far = a.translation.abs().max(b.translation.abs()).max_element();
+    largest(&(a.matrix3 - b.matrix3)) <= ROUNDING * linear
+        && (a.translation - b.translation).abs().max_element() <= ROUNDING * far.max(linear)
 }
 
 /// The transform, if it is finite and has a finite inverse.
@@ -89,14 +93,32 @@ pub(crate) fn invertible(transform: DAffine3) -> Option<DAffine3> {
     regular.then_some(transform)
 }
 
+/// Whether a matrix is a rotation or reflection times a scale, but for rounding (of exporters in single precision, too).
+pub(crate) fn keeps_angles(matrix: &DMat3) -> bool {
+    let gram = matrix.transpose() * *matrix;
+    let square = (gram.x_axis.x + gram.y_axis.y + gram.z_axis.z) / 3.0;
+    let off = gram - DMat3::from_diagonal(DVec3::splat(square));
+    off.to_cols_array().iter().all(|x| x.abs() <= 1e-6 * square)
+}
+
 /// Whether the transform turns left-handed systems into right-handed ones.
 pub(crate) fn swaps_handedness(transform: &DAffine3) -> bool {
     transform.matrix3.determinant() < 0.0
 }
 
-/// The matrix for normals: the inverse's transpose.
+/// The matrix for normals, but for a positive factor: the inverse's transpose, or for a transform that makes everything
+/// flat the cofactors, which are the inverse's transpose times the determinant where there is one.
 pub(crate) fn normal_matrix(transform: &DAffine3) -> DMat3 {
-    transform.matrix3.inverse().transpose()
+    if invertible(*transform).is_some() {
+        return transform.matrix3.inverse().transpose();
+    }
+    let m = transform.matrix3;
+    // Scaled, so that the products of tiny or huge entries neither vanish nor overflow.
+    let largest = m.to_cols_array().iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+    let m = if largest > 0.0 { m * largest.recip() } else { m };
+    let cofactors =
+        DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
+    if m.determinant() < 0.0 { -cofactors } else { cofactors }
 }
 
 #[cfg(test)]
@@ -131,25 +153,43 @@ mod tests {
         close(t.transform_point3(DVec3::ONE), [6.0, 8.0, 8.0]);
         let mut projective = m;
         projective[11] = 1.0;
-        assert_eq!(matrix(&projective), Err(MatrixError::Projective));
+        assert!(matrix(&projective).is_none());
+        let mut rounded = m;
+        rounded[11] = 1e-9;
+        assert_eq!(matrix(&rounded), Some(t));
         let mut singular = m;
         singular[5] = 0.0;
-        assert_eq!(matrix(&singular), Err(MatrixError::Singular));
+        assert!(matrix(&singular).is_some_and(|singular| invertible(singular).is_none()));
     }
 
     #[test]
     fn small_scales_are_regular_and_mirrors_swap() {
-        assert!(scale([1e-50, 1e-50, 1e-50]).is_some());
-        assert!(scale([1.0, 0.0, 1.0]).is_none());
-        assert!(swaps_handedness(&scale([-1.0, 1.0, 1.0]).unwrap()));
+        assert!(invertible(scale([1e-50, 1e-50, 1e-50])).is_some());
+        assert!(invertible(scale([1.0, 0.0, 1.0])).is_none());
+        assert!(swaps_handedness(&scale([-1.0, 1.0, 1.0])));
         assert!(!swaps_handedness(&rotate(30.0, [1.0, 2.0, 3.0]).unwrap()));
     }
 
     #[test]
     fn normals_stay_perpendicular() {
-        let t = scale([1.0, 4.0, 1.0]).unwrap();
+        let t = scale([1.0, 4.0, 1.0]);
         let tangent = t.transform_vector3(DVec3::new(1.0, 1.0, 0.0));
         let normal = normal_matrix(&t) * DVec3::new(1.0, -1.0, 0.0);
         assert!(tangent.dot(normal).abs() < 1e-12);
+        // Of what is flattened, the normal of the plane is left.
+        let flat = normal_matrix(&scale([1.0, 1.0, 0.0]));
+        assert_eq!((flat * DVec3::Z, flat * DVec3::X), (DVec3::Z, DVec3::ZERO));
+    }
+
+    #[test]
+    fn roundings_are_told_from_changes() {
+        let t = scale([1.0, 4.0, 1.0]);
+        assert!(same(&t, &scale([1.0 + 1e-7, 4.0, 1.0])) && !same(&t, &scale([1.0 + 1e-5, 4.0, 1.0])));
+        let far = translate([1e3, 0.0, 0.0]);
+        assert!(
+            same(&far, &translate([1e3 + 1e-4, 0.0, 0.0])) && !same(&far, &translate([1e3 + 1e-2, 0.0, 0.0]))
+        );
+        let turned = rotate(30.0, [1.0, 2.0, 3.0]).unwrap();
+        assert!(keeps_angles(&(turned.matrix3 * 7.0)) && !keeps_angles(&t.matrix3));
     }
 }

@@ -5,7 +5,7 @@ use super::description as d;
 use glam::{DAffine3, DMat3, DVec3};
 use wavepath_kernels::scene::lights::{
     DistantRow, Emitter, FlatRow, GoniometricRow, Light, LightList, LightTable, PointRow, SphereRow,
-    goniometric,
+    StretchedSpotRow, fade, goniometric,
 };
 use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
 use wavepath_kernels::scene::{
@@ -249,14 +249,14 @@ impl Builder<'_> {
         let table = &mut self.materials;
         match material {
             d::Material::Diffuse { reflectance: BLACK, .. }
-            | d::Material::DiffuseTransmission { reflectance: BLACK, transmittance: BLACK } => {
-                Ok(MaterialHandle::ABSORBER)
-            }
+            | d::Material::DiffuseTransmission { reflectance: BLACK, transmittance: BLACK }
+            | d::Material::Mirror { reflectance: BLACK } => Ok(MaterialHandle::ABSORBER),
             d::Material::Diffuse { reflectance, sigma: ZERO } => table.add(&m::Lambert { reflectance }),
             d::Material::Diffuse { reflectance, sigma } => table.add(&m::OrenNayar { reflectance, sigma }),
             d::Material::DiffuseTransmission { reflectance, transmittance } => {
                 table.add(&m::DiffuseTransmission { reflectance, transmittance })
             }
+            d::Material::Mirror { reflectance } => table.add(&m::Mirror { reflectance }),
             d::Material::Conductor { eta, k, alpha: [ZERO, ZERO] } => table.add(&m::Conductor { eta, k }),
             d::Material::Conductor { eta, k, alpha: [alpha, along_v] } => {
                 if alpha != along_v {
@@ -480,15 +480,49 @@ impl Builder<'_> {
                     let row = PointRow { position: position.as_vec3().into(), ..PointRow::default() };
                     (intensity, brightness(intensity) * 4.0 * std::f64::consts::PI, Light::Point(row))
                 }
-                d::Light::Spot { intensity, position, direction, cos_falloff_start, cos_total_width } => {
-                    let row = PointRow {
-                        position: position.as_vec3().into(),
-                        axis: direction.as_vec3().into(),
-                        cos_falloff_start: cos_falloff_start as f32,
-                        cos_total_width: cos_total_width as f32,
+                d::Light::Spot {
+                    intensity,
+                    position,
+                    direction,
+                    cos_falloff_start,
+                    cos_total_width,
+                    fade: how,
+                    light_from_world,
+                } => {
+                    let (position, axis) = (position.as_vec3().into(), direction.as_vec3().into());
+                    // Behind, the integral of the profile over directions.
+                    let (fade, cap) = match how {
+                        d::Fade::Smoothstep => {
+                            (fade::SMOOTHSTEP, 1.0 - 0.5 * (cos_falloff_start + cos_total_width))
+                        }
+                        d::Fade::FourthPower => (
+                            fade::FOURTH_POWER,
+                            1.0 - cos_falloff_start + 0.2 * (cos_falloff_start - cos_total_width),
+                        ),
                     };
-                    let cap = 1.0 - 0.5 * (cos_falloff_start + cos_total_width);
-                    (intensity, brightness(intensity) * 2.0 * std::f64::consts::PI * cap, Light::Spot(row))
+                    let (cos_falloff_start, cos_total_width) =
+                        (cos_falloff_start as f32, cos_total_width as f32);
+                    let light = match light_from_world {
+                        None => {
+                            Light::Spot(PointRow { position, axis, cos_falloff_start, cos_total_width, fade })
+                        }
+                        Some(matrix) => {
+                            let rows = matrix.transpose();
+                            let [x, y, z] =
+                                [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().into());
+                            Light::StretchedSpot(StretchedSpotRow {
+                                position,
+                                x,
+                                y,
+                                z,
+                                axis,
+                                cos_falloff_start,
+                                cos_total_width,
+                                fade,
+                            })
+                        }
+                    };
+                    (intensity, brightness(intensity) * 2.0 * std::f64::consts::PI * cap, light)
                 }
                 d::Light::Goniometric { intensity, position, axis } => {
                     let row =

@@ -4,7 +4,7 @@
 //! tables that the kernels walk. Transforms are kept in double precision up to here, so that a chain of them
 //! costs no accuracy; vertices are rounded to `f32` once, in world space.
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DMat3, DVec3};
 use wavepath_engine::SamplerKind;
 use wavepath_engine::film::Frame;
 pub use wavepath_kernels::shade::parameters::{Parameter, TextureId};
@@ -285,6 +285,11 @@ pub enum Material {
         /// GGX alpha along u and v, remapping applied; `[0, 0]` is smooth.
         alpha: [Parameter<f32>; 2],
     },
+    /// Ideal mirror.
+    Mirror {
+        /// What it reflects at every angle, each channel in [0, 1].
+        reflectance: Parameter<Rgb>,
+    },
     /// Smooth dielectric with Fresnel reflection and refraction.
     Dielectric {
         /// Index inside over index outside (outside: where the normal points).
@@ -299,6 +304,16 @@ pub enum Material {
         /// Index of the pane over the index around it.
         eta: Parameter<f32>,
     },
+}
+
+/// How a spot light fades between its two cosines: x in \[0, 1\] is the way from the dark one to the bright.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fade {
+    /// x^2 (3 - 2 x), as pbrt-v4 has it.
+    #[default]
+    Smoothstep,
+    /// x^4, as pbrt-v3 has it.
+    FourthPower,
 }
 
 /// A light without a surface.
@@ -316,18 +331,23 @@ pub enum Light {
         /// World position.
         position: DVec3,
     },
-    /// Point light in a cone, with pbrt's smooth fall-off between `cos_falloff_start` and `cos_total_width`.
+    /// Point light in a cone that fades between `cos_falloff_start` and `cos_total_width`.
     Spot {
         /// Radiant intensity on the axis.
         intensity: Rgb,
         /// World position.
         position: DVec3,
-        /// World direction in which it shines, unit length.
+        /// Direction in which it shines, unit length, in the world or in the space of `light_from_world`.
         direction: DVec3,
         /// Cosine of the angle where the light begins to fade.
         cos_falloff_start: f64,
         /// Cosine of the angle where it is dark, at most `cos_falloff_start`.
         cos_total_width: f64,
+        /// How it fades.
+        fade: Fade,
+        /// For a light under a transform that does not keep angles: takes directions of the world into the space in
+        /// which `direction` and the angles are meant.
+        light_from_world: Option<DMat3>,
     },
     /// Point light with the pattern of a batwing luminaire around its axis
     /// ([`goniometric`](wavepath_kernels::scene::lights::goniometric)).

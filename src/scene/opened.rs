@@ -57,6 +57,8 @@ pub struct SceneOptions {
     pub resolution: Option<[u32; 2]>,
     /// How spherical lamps are sampled.
     pub spherical_lights: SphericalLights,
+    /// Replaces or leaves out what wavepath lacks, with a warning for each ([`pbrt::load_leniently`]).
+    pub lenient: bool,
 }
 
 impl Scene {
@@ -74,7 +76,8 @@ impl Scene {
     /// As [`Scene::open`].
     pub fn open_with(path: impl AsRef<Path>, options: &SceneOptions) -> Result<Scene, SceneError> {
         let path = path.as_ref();
-        Scene::read(path.display().to_string(), options, || Ok(pbrt::load(path)?))
+        let load = if options.lenient { pbrt::load_leniently } else { pbrt::load };
+        Scene::read(path.display().to_string(), options, || Ok(load(path)?))
     }
 
     /// A scene from a text in pbrt's format; file names in it are relative to the working directory.

@@ -4,9 +4,11 @@
 //! To add a kind: a file beside `goniometric.rs`, and a line in [`light_kinds`].
 
 pub mod goniometric;
+mod stretched_spot;
 mod table;
 
 pub use goniometric::GoniometricRow;
+pub use stretched_spot::StretchedSpotRow;
 pub use table::{Emitter, LightList, LightTable};
 
 use crate::lanes::{Mask, Real, Uint};
@@ -47,6 +49,10 @@ macro_rules! light_kinds {
             delta(goniometric::sample) {
                 /// Point that shines more in some directions than in others.
                 Goniometric GONIOMETRIC GoniometricRow "goniometric";
+            }
+            delta(stretched_spot::sample) {
+                /// Point with a cone that is round in a stretched space.
+                StretchedSpot STRETCHED_SPOT StretchedSpotRow "stretched spot";
             }
             delta(sample_distant) {
                 /// Parallel light.
@@ -311,7 +317,17 @@ row! {
         cos_falloff_start: f32,
         /// Cosine of the angle where it is dark.
         cos_total_width: f32,
+        /// How it fades, one of [`fade`].
+        fade: f32,
     }
+}
+
+/// How a spot light fades between its two cosines, of which x in \[0, 1\] is the way from the dark one to the bright.
+pub mod fade {
+    /// x^2 (3 - 2 x), as pbrt-v4 has it.
+    pub const SMOOTHSTEP: f32 = 0.0;
+    /// x^4, as pbrt-v3 has it.
+    pub const FOURTH_POWER: f32 = 1.0;
 }
 
 row! {
@@ -324,8 +340,6 @@ row! {
 
 /// Numbers that every light has.
 const COMMON: usize = Common::LEN;
-/// Numbers a light.
-const STRIDE: usize = COMMON + LONGEST;
 /// Place of the probability in a row.
 const PROBABILITY: usize = core::mem::offset_of!(Common, probability) / size_of::<f32>();
 
@@ -339,12 +353,13 @@ pub struct LightRow<'a, F: Real> {
 
 impl<'a, F: Real> LightRow<'a, F> {
     /// # Safety
-    /// `kinds` has an element and `rows` [`STRIDE`] numbers for each light, and every lane of `id` is one.
+    /// `kinds` has an element and `rows` `stride` numbers for each light, and every lane of `id` is one; behind them all
+    /// are [`LONGEST`] more numbers.
     #[inline(always)]
-    unsafe fn new(kinds: &'a [u32], rows: &'a [f32], id: F::Uint) -> Self {
+    unsafe fn new(kinds: &'a [u32], rows: &'a [f32], stride: u32, id: F::Uint) -> Self {
         // SAFETY: the caller's promise.
         let kind = unsafe { F::Uint::gather(kinds, id) };
-        LightRow { rows, first: id * F::Uint::splat(STRIDE as u32), kind }
+        LightRow { rows, first: id * F::Uint::splat(stride), kind }
     }
     #[inline(always)]
     fn common(&self) -> CommonLanes<'a, F> {
@@ -355,7 +370,7 @@ impl<'a, F: Real> LightRow<'a, F> {
     #[inline(always)]
     fn of<R: Row>(&self) -> R::Lanes<'a, F> {
         const { assert!(R::LEN <= LONGEST) };
-        // SAFETY: every row has room for the longest, and exists by the promise made to `new`.
+        // SAFETY: behind the last row there is room for the longest, by the promise made to `new`.
         unsafe { R::lanes(self.rows, self.first + F::Uint::splat(COMMON as u32)) }
     }
     #[inline(always)]
@@ -601,8 +616,18 @@ fn towards_point<F: Real>(
     }
 }
 
-/// Point and spot lights: irradiance falls with the squared distance, the spot's also from its axis outwards by
-/// smoothstep of the cosine.
+/// Share of a spot light's intensity at an angle to its axis with this cosine.
+#[inline(always)]
+fn fall_off<F: Real>(cos: F, start: F, end: F, fade: F) -> F {
+    let x = ((cos - end) / (start - end)).max(F::zero()).min(F::one());
+    let x2 = x * x;
+    let fourth_power = fade.eq(F::lit(fade::FOURTH_POWER as f64));
+    let soft = F::select(fourth_power, x2 * x2, x2 * x.neg_mul_add(F::lit(2.0), F::lit(3.0)));
+    // Where both cosines are equal the edge is sharp.
+    F::select(start.gt(end), soft, F::select(cos.ge(end), F::one(), F::zero()))
+}
+
+/// Point and spot lights: irradiance falls with the squared distance, the spot's also from its axis outwards.
 #[inline(always)]
 fn sample_point<F: Real>(light: &LightRow<F>, origin: Vec3<F>, _: [F; 2]) -> LightSample<F> {
     let point = light.of::<PointRow>();
@@ -611,12 +636,8 @@ fn sample_point<F: Real>(light: &LightRow<F>, origin: Vec3<F>, _: [F; 2]) -> Lig
     let d = d2.sqrt();
     let direction = to.scale(d.recip());
     let cos = -point.axis().dot(direction);
-    let (start, end) = (point.cos_falloff_start(), point.cos_total_width());
-    let x = ((cos - end) / (start - end)).max(F::zero()).min(F::one());
-    let smooth = x * x * x.neg_mul_add(F::lit(2.0), F::lit(3.0));
-    // Where both cosines are equal the edge is sharp.
-    let smooth = F::select(start.gt(end), smooth, F::select(cos.ge(end), F::one(), F::zero()));
-    let fall_off = F::select(light.is(kind::SPOT), smooth, F::one());
+    let spot = fall_off(cos, point.cos_falloff_start(), point.cos_total_width(), point.fade());
+    let fall_off = F::select(light.is(kind::SPOT), spot, F::one());
     LightSample {
         direction,
         distance: d * F::lit(1.0 - SHADOW_SHORTENING),

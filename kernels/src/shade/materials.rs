@@ -150,6 +150,8 @@ materials! {
     OrenNayar in oren_nayar;
     /// Smooth conductor.
     Conductor in conductor;
+    /// Ideal mirror.
+    Mirror in mirror;
     /// GGX conductor.
     RoughConductor in rough_conductor;
     /// Smooth dielectric.

@@ -12,6 +12,7 @@ pub mod environment;
 pub mod fresnel;
 pub mod lambert;
 pub mod materials;
+pub mod mirror;
 pub mod oren_nayar;
 pub mod parameters;
 pub mod rough_conductor;

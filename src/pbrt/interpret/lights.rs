@@ -5,7 +5,7 @@
 
 use std::f64::consts::PI;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use crate::pbrt::error::{Problem, Result, Span};
 use crate::pbrt::graphics_state::AreaLight;
@@ -13,11 +13,12 @@ use crate::pbrt::lexer::shorten;
 use crate::pbrt::parameters::{ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::spectra::Rgb64;
-use crate::scene::{Emission, Light};
+use crate::pbrt::transform::keeps_angles;
+use crate::scene::{Emission, Fade, Light};
 use wavepath_kernels::scene::lights::goniometric;
 
 use super::values::rgb32;
-use super::{Builder, unknown_kind, unsupported_kind};
+use super::{Builder, singular, unknown_kind, unsupported_kind};
 
 const KNOWN: [&str; 5] = ["infinite", "point", "spot", "distant", "goniometric"];
 
@@ -29,11 +30,16 @@ impl Builder {
             "area" => self.dialect.saw_v3(kind.span)?,
             _ => return Err(unknown_kind("area light", kind, &["diffuse"])),
         }
-        refuse(parameters, "filename", "pictures on area lights are not supported")?;
+        self.refuse(
+            parameters,
+            "filename",
+            "pictures on area lights are not supported",
+            "it shines with \"L\"",
+        );
         let radiance = self.light_color(parameters, "L")?;
         let emission = Emission {
             radiance: rgb32(radiance, parameters, "L")?,
-            power: power(parameters)?,
+            power: self.power(parameters)?,
             two_sided: parameters.bool_or("twosided", false)?,
         };
         parameters.accept(&["samples", "nsamples"]);
@@ -50,9 +56,12 @@ impl Builder {
             "spot" => self.spot(parameters, span)?,
             "distant" => self.distant(parameters, span)?,
             "goniometric" => self.goniometric(parameters, span)?,
-            "projection" => return Err(unsupported_kind("light", kind, &KNOWN)),
-            _ => return Err(unknown_kind("light", kind, &KNOWN)),
+            "projection" => {
+                return Err(unsupported_kind("light", kind, &KNOWN).lacking("the light is left out"));
+            }
+            _ => return self.mistake(unknown_kind("light", kind, &KNOWN)),
         };
+        self.check_vacuum();
         parameters.accept(&["samples", "nsamples"]);
         self.check_unused(parameters, &format!("light \"{}\"", kind.text))?;
         // A dark light would be sampled in vain.
@@ -78,17 +87,22 @@ impl Builder {
 
     fn infinite(&mut self, parameters: &Parameters) -> Result<Light> {
         for name in ["filename", "mapname"] {
-            refuse(parameters, name, "environment maps are not supported yet")?;
+            self.refuse(
+                parameters,
+                name,
+                "environment maps are not supported yet",
+                "a sky of \"L\" times \"scale\"",
+            );
         }
-        refuse(parameters, "portal", "portals are not supported")?;
+        self.refuse(parameters, "portal", "portals are not supported", "light comes from all sides");
         let radiance = self.light_color(parameters, "L")?;
         // Radiance L from all sides gives the irradiance pi L.
-        let factor = positive(parameters, "illuminance")?.map_or(1.0, |illuminance| illuminance / PI);
+        let factor = self.positive(parameters, "illuminance")?.map_or(1.0, |illuminance| illuminance / PI);
         Ok(Light::Infinite { radiance: rgb32(radiance.map(|c| c * factor), parameters, "L")? })
     }
 
     fn point(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
-        let factor = positive(parameters, "power")?.map_or(1.0, |power| power / (4.0 * PI));
+        let factor = self.positive(parameters, "power")?.map_or(1.0, |power| power / (4.0 * PI));
         let intensity = self.light_color(parameters, "I")?.map(|c| c * factor);
         let from = parameters.point3("from")?.unwrap_or([0.0; 3]);
         let position = self.world_point(from, span)?;
@@ -96,7 +110,8 @@ impl Builder {
     }
 
     fn spot(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
-        let (position, direction) = self.aim(parameters, span)?;
+        let (position, to, direction) = self.aim(parameters, span)?;
+        let fade = if self.dialect.is_v3() { Fade::FourthPower } else { Fade::Smoothstep };
         let cone = parameters.float_or("coneangle", 30.0)?;
         let delta = parameters.float_or("conedeltaangle", 5.0)?;
         if !(cone > 0.0 && cone <= 180.0) {
@@ -115,17 +130,25 @@ impl Builder {
         }
         let cos_total_width = cone.to_radians().cos();
         let cos_falloff_start = (cone - delta).to_radians().cos();
-        // Integral of the profile over directions, as pbrt-v4 takes it.
+        // Integral of the profile over directions, as pbrt-v4 takes it. (pbrt-v3 has no power.)
         let solid_angle =
             2.0 * PI * ((1.0 - cos_falloff_start) + (cos_falloff_start - cos_total_width) / 2.0);
-        let factor = positive(parameters, "power")?.map_or(1.0, |power| power / solid_angle);
+        let factor = self.positive(parameters, "power")?.map_or(1.0, |power| power / solid_angle);
         let intensity = self.light_color(parameters, "I")?.map(|c| c * factor);
+        // The cone is round in the light's own space.
+        let matrix = self.static_ctm(span)?.matrix3;
+        let light_from_world = match keeps_angles(&matrix) {
+            true => None,
+            false => Some(direction_matrix(&matrix).ok_or_else(|| singular(span, "a spot light"))?),
+        };
         Ok(Light::Spot {
             intensity: rgb32(intensity, parameters, "I")?,
             position,
-            direction,
+            direction: if light_from_world.is_some() { to } else { direction },
             cos_falloff_start,
             cos_total_width,
+            fade,
+            light_from_world,
         })
     }
 
@@ -133,7 +156,8 @@ impl Builder {
     /// pattern" "batwing"`, of this program alone, is built in.
     fn goniometric(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
         for name in ["filename", "mapname"] {
-            refuse(parameters, name, "pictures on goniometric lights are not supported yet")?;
+            let message = "pictures on goniometric lights are not supported yet";
+            self.refuse(parameters, name, message, "the pattern \"batwing\"");
         }
         match parameters.string("pattern")? {
             Some("batwing") => {}
@@ -144,12 +168,13 @@ impl Builder {
                     "expected \"batwing\"",
                 ));
             }
+            None if !self.pending.is_empty() => {}
             None => {
                 return Err(Problem::at(span, "a goniometric light without a pattern")
                     .label("expected \"string pattern\" \"batwing\""));
             }
         }
-        let factor = positive(parameters, "power")?.map_or(1.0, |power| power / goniometric::INTEGRAL);
+        let factor = self.positive(parameters, "power")?.map_or(1.0, |power| power / goniometric::INTEGRAL);
         let intensity = self.light_color(parameters, "I")?.map(|c| c * factor);
         let axis = self.static_ctm(span)?.transform_vector3(DVec3::Z).try_normalize().ok_or_else(|| {
             Problem::at(span, "the light has no direction")
@@ -163,25 +188,56 @@ impl Builder {
     }
 
     fn distant(&mut self, parameters: &Parameters, span: Span) -> Result<Light> {
-        let (_, direction) = self.aim(parameters, span)?;
-        let factor = positive(parameters, "illuminance")?.unwrap_or(1.0);
+        let (_, _, direction) = self.aim(parameters, span)?;
+        let factor = self.positive(parameters, "illuminance")?.unwrap_or(1.0);
         let radiance = self.light_color(parameters, "L")?.map(|c| c * factor);
         Ok(Light::Distant { radiance: rgb32(radiance, parameters, "L")?, direction })
     }
 
-    /// World position of `from`, and unit vector from there to `to`.
-    fn aim(&mut self, parameters: &Parameters, span: Span) -> Result<(DVec3, DVec3)> {
+    /// A number that counts if it is above 0; pbrt-v4 ignores others, and pbrt-v3 does not know it.
+    fn positive(&mut self, parameters: &Parameters, name: &'static str) -> Result<Option<f64>> {
+        if parameters.has(name) && self.dialect.is_v3() {
+            return Ok(None);
+        }
+        Ok(parameters.float(name)?.filter(|value| *value > 0.0))
+    }
+
+    /// The power of an area light, which is applied where its area is known.
+    fn power(&mut self, parameters: &Parameters) -> Result<Option<f32>> {
+        let power = self.positive(parameters, "power")?.map(|power| power as f32);
+        match power {
+            Some(value) if !value.is_finite() => {
+                Err(parameters.bad("power", "too large", "expected a number below 3e38"))
+            }
+            _ => Ok(power),
+        }
+    }
+
+    /// Notes a parameter that is not supported, if it is given and has any effect.
+    fn refuse(&mut self, parameters: &Parameters, name: &str, message: &str, instead: &'static str) {
+        if let Some(parameter) = parameters.given(name).filter(|parameter| parameter.strings() != [""]) {
+            let problem = Problem::at(parameter.span, format!("\"{name}\": {message}"))
+                .label("expected a light without it")
+                .lacking(instead);
+            self.pending.push(*problem);
+        }
+    }
+
+    /// World position of `from`, and unit vectors from there to `to`, in the light's space and in the world.
+    fn aim(&mut self, parameters: &Parameters, span: Span) -> Result<(DVec3, DVec3, DVec3)> {
         let from = DVec3::from_array(parameters.point3("from")?.unwrap_or([0.0; 3]));
         let to = DVec3::from_array(parameters.point3("to")?.unwrap_or([0.0, 0.0, 1.0]));
         let ctm = self.static_ctm(span)?;
-        let direction = ctm.transform_vector3(to - from).try_normalize().ok_or_else(|| {
+        let nowhere = || {
             Problem::at(span, "the light has no direction")
                 .label("expected different points \"from\" and \"to\"")
-        })?;
-        Ok((self.world_point(from.to_array(), span)?, direction))
+        };
+        let local = (to - from).try_normalize().ok_or_else(nowhere)?;
+        let direction = ctm.transform_vector3(local).try_normalize().ok_or_else(nowhere)?;
+        Ok((self.world_point(from.to_array(), span)?, local, direction))
     }
 
-    fn world_point(&self, point: [f64; 3], span: Span) -> Result<DVec3> {
+    fn world_point(&mut self, point: [f64; 3], span: Span) -> Result<DVec3> {
         let position = self.static_ctm(span)?.transform_point3(DVec3::from_array(point));
         if position.as_vec3().is_finite() {
             return Ok(position);
@@ -190,29 +246,11 @@ impl Builder {
     }
 }
 
-/// A number that counts if it is above 0; pbrt ignores others.
-fn positive(parameters: &Parameters, name: &'static str) -> Result<Option<f64>> {
-    Ok(parameters.float(name)?.filter(|value| *value > 0.0))
-}
-
-/// The power of an area light, which is applied where its area is known.
-fn power(parameters: &Parameters) -> Result<Option<f32>> {
-    let power = positive(parameters, "power")?.map(|power| power as f32);
-    match power {
-        Some(value) if !value.is_finite() => {
-            Err(parameters.bad("power", "too large", "expected a number below 3e38"))
-        }
-        _ => Ok(power),
-    }
-}
-
-/// Complains about a parameter that is given and has any effect.
-fn refuse(parameters: &Parameters, name: &str, message: &str) -> Result<()> {
-    match parameters.given(name) {
-        Some(parameter) if parameter.strings() != [""] => {
-            Err(Problem::at(parameter.span, format!("\"{name}\": {message}"))
-                .label("expected a light without it"))
-        }
-        _ => Ok(()),
-    }
+/// Takes directions of the world back through a transform; a common factor is left out, so that it fits into single
+/// precision.
+fn direction_matrix(matrix: &DMat3) -> Option<DMat3> {
+    let inverse = matrix.inverse();
+    let largest = inverse.to_cols_array().iter().fold(0.0f64, |a, x| a.max(x.abs()));
+    let scaled = inverse * largest.recip();
+    (largest > 0.0 && scaled.is_finite()).then_some(scaled)
 }

@@ -1,6 +1,7 @@
 //! Materials.
 
 use std::collections::HashMap;
+use std::rc::Rc;
 
 use crate::pbrt::error::{Place, Problem, Result, Span};
 use crate::pbrt::lexer::shorten;
@@ -8,10 +9,10 @@ use crate::pbrt::parameters::{ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::spectra::{self, Named, Rgb64};
 use crate::pbrt::suggest::did_you_mean;
-use crate::scene::{Material, MaterialId, Parameter, SceneDescription};
+use crate::scene::{Material, MaterialId, Parameter, Shape};
 
 use super::values::{SpectrumValue, rgb32};
-use super::{Builder, unknown_kind, unsupported_kind};
+use super::{Builder, Dropped, unknown_kind, unsupported_kind};
 
 /// pbrt's `EffectivelySmooth`: below it a surface is smooth.
 const SMOOTH: f64 = 1e-3;
@@ -31,15 +32,12 @@ const SUPPORTED: [&str; 12] = [
     "uber",
 ];
 
-const UNSUPPORTED: [&str; 12] = [
+const UNSUPPORTED: [&str; 9] = [
     "coateddiffuse",
     "coatedconductor",
     "subsurface",
     "hair",
     "measured",
-    "interface",
-    "",
-    "none",
     "translucent",
     "disney",
     "fourier",
@@ -55,8 +53,18 @@ pub(super) struct MaterialTable {
     known: HashMap<String, MaterialId>,
 }
 
+/// What a material directive says.
+#[derive(Clone, Debug)]
+enum Read {
+    Material(Material),
+    /// The surface is not there: it only separates media.
+    Interface,
+    /// What can be rendered instead, and what is lacking.
+    Lacking(Material, Rc<[Problem]>),
+}
+
 enum Slot {
-    Defined(Material),
+    Known(Read),
     /// Used, but not defined so far.
     Pending {
         name: String,
@@ -72,18 +80,29 @@ impl MaterialTable {
 
     /// The handle of a material.
     pub(super) fn intern(&mut self, material: Material) -> MaterialId {
+        self.intern_read(Read::Material(material))
+    }
+
+    fn intern_read(&mut self, read: Read) -> MaterialId {
         // The printed form of a float tells every value apart.
-        let key = format!("{material:?}");
+        let key = match &read {
+            Read::Material(material) => format!("{material:?}"),
+            Read::Interface => "interface".into(),
+            Read::Lacking(material, lacks) => {
+                let lacks: Vec<&str> = lacks.iter().map(|lack| lack.message.as_str()).collect();
+                format!("{material:?} {lacks:?}")
+            }
+        };
         if let Some(id) = self.known.get(&key) {
             return *id;
         }
-        let id = self.add(Slot::Defined(material));
+        let id = self.add(Slot::Known(read));
         self.known.insert(key, id);
         id
     }
 
     /// The handle that a name stands for.
-    pub(super) fn named(&mut self, name: &Name) -> MaterialId {
+    fn named(&mut self, name: &Name) -> MaterialId {
         if let Some(id) = self.names.get(&name.text) {
             return *id;
         }
@@ -92,9 +111,9 @@ impl MaterialTable {
         id
     }
 
-    fn by_name(&self, name: &str) -> Option<Material> {
-        match self.slots[self.names.get(name)?.0 as usize] {
-            Slot::Defined(material) => Some(material),
+    fn by_name(&self, name: &str) -> Option<Read> {
+        match &self.slots[self.names.get(name)?.0 as usize] {
+            Slot::Known(read) => Some(read.clone()),
             Slot::Pending { .. } => None,
         }
     }
@@ -104,56 +123,96 @@ impl MaterialTable {
         self.by_name(name).is_some()
     }
 
-    fn define(&mut self, name: String, material: Material) {
+    fn define(&mut self, name: String, read: Read) {
         match self.names.get(&name) {
             Some(id) if matches!(self.slots[id.0 as usize], Slot::Pending { .. }) => {
-                self.slots[id.0 as usize] = Slot::Defined(material);
+                self.slots[id.0 as usize] = Slot::Known(read);
             }
             // v3 redefines names; shapes before keep the former material.
             _ => {
-                let id = self.intern(material);
+                let id = self.intern_read(read);
                 self.names.insert(name, id);
             }
         }
     }
 
-    /// Moves the materials that shapes use into the scene.
-    pub(super) fn finish(&self, scene: &mut SceneDescription) -> Result<()> {
-        let mut new_ids: Vec<Option<MaterialId>> = vec![None; self.slots.len()];
-        for shape in &mut scene.shapes {
-            let old = shape.material.0 as usize;
-            let id = match new_ids[old] {
-                Some(id) => id,
-                None => {
-                    scene.materials.push(self.defined(old)?);
-                    let id = MaterialId(scene.materials.len() as u32 - 1);
-                    new_ids[old] = Some(id);
-                    id
-                }
-            };
-            shape.material = id;
+    fn known(&self, index: usize) -> Result<Read> {
+        match &self.slots[index] {
+            Slot::Known(read) => Ok(read.clone()),
+            Slot::Pending { name, span } => Err(self.unknown(name, *span)),
         }
-        Ok(())
     }
 
-    fn defined(&self, index: usize) -> Result<Material> {
-        match &self.slots[index] {
-            Slot::Defined(material) => Ok(*material),
-            Slot::Pending { name, span } => {
-                let known: Vec<&str> =
-                    self.names.keys().filter(|name| self.is_defined(name)).map(String::as_str).collect();
-                Err(Problem::at(*span, format!("unknown material \"{}\"", shorten(name)))
-                    .label(format!("expected the name of a MakeNamedMaterial{}", did_you_mean(name, &known))))
-            }
-        }
+    fn unknown(&self, name: &str, span: Span) -> Box<Problem> {
+        let known: Vec<&str> =
+            self.names.keys().filter(|name| self.is_defined(name)).map(String::as_str).collect();
+        Problem::at(span, format!("unknown material \"{}\"", shorten(name)))
+            .label(format!("expected the name of a MakeNamedMaterial{}", did_you_mean(name, &known)))
     }
 }
 
 impl Builder {
+    /// `NamedMaterial "name"`
+    pub(super) fn named_material(&mut self, name: &Name) -> Result<()> {
+        // v3 knows what stands before, and goes on with the present material.
+        if !self.materials.is_defined(&name.text) && self.dialect.is_v3() {
+            self.warn(
+                self.materials
+                    .unknown(&name.text, name.span)
+                    .note(Place::Nowhere, "as in pbrt-v3 the material before it stays"),
+            );
+            return Ok(());
+        }
+        self.state.material = self.materials.named(name);
+        Ok(())
+    }
+
+    /// Moves the materials that shapes use into the scene, and takes out what is not there.
+    pub(super) fn finish_materials(&mut self) -> Result<()> {
+        let mut new_ids: HashMap<u32, MaterialId> = HashMap::new();
+        let mut interface = None;
+        for mut shape in std::mem::take(&mut self.scene.shapes) {
+            let old = shape.material.0;
+            shape.material = match new_ids.get(&old) {
+                Some(id) => *id,
+                None => {
+                    let material = match self.materials.known(old as usize)? {
+                        Read::Material(material) => material,
+                        Read::Lacking(material, lacks) => {
+                            lacks.iter().for_each(|lack| self.lack(lack.clone()));
+                            material
+                        }
+                        Read::Interface => match shape.emission {
+                            // v3's lamps shine, and let through what comes from behind.
+                            Some(_) if self.dialect.is_v3() => {
+                                let through = *interface.get_or_insert_with(|| {
+                                    self.scene.materials.push(NOT_THERE);
+                                    MaterialId(self.scene.materials.len() as u32 - 1)
+                                });
+                                self.scene.shapes.push(Shape { material: through, ..shape });
+                                continue;
+                            }
+                            lamp => {
+                                self.drop_count(Dropped::InterfaceLamps, lamp.is_some().into(), Place::Scene);
+                                continue;
+                            }
+                        },
+                    };
+                    self.scene.materials.push(material);
+                    let id = MaterialId(self.scene.materials.len() as u32 - 1);
+                    new_ids.insert(old, id);
+                    id
+                }
+            };
+            self.scene.shapes.push(shape);
+        }
+        Ok(())
+    }
+
     /// `Material "kind" ...`
     pub(super) fn material(&mut self, kind: &Name, parameters: &Parameters) -> Result<()> {
-        let material = self.read_material(kind, parameters)?;
-        self.state.material = self.materials.intern(material);
+        let read = self.read_material(kind, parameters)?;
+        self.state.material = self.materials.intern_read(read);
         Ok(())
     }
 
@@ -178,8 +237,51 @@ impl Builder {
         Ok(())
     }
 
-    fn read_material(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
-        self.refuse_bumps(parameters)?;
+    /// Reads all that there is to read, so that everything that is lacking is known at once.
+    fn read_material(&mut self, kind: &Name, parameters: &Parameters) -> Result<Read> {
+        if matches!(kind.text.as_str(), "interface" | "none" | "") {
+            parameters.accept_all();
+            return Ok(Read::Interface);
+        }
+        self.refuse_bumps(parameters);
+        let read = match self.read_kind(kind, parameters) {
+            Ok(read) => {
+                // What is lacking may have kept parameters from being looked at.
+                if self.pending.is_empty() {
+                    self.check_unused(parameters, &format!("material \"{}\"", kind.text))?;
+                }
+                read
+            }
+            Err(problem) if problem.lacking.is_some() => {
+                self.pending.push(*problem);
+                Read::Material(self.stand_in(parameters))
+            }
+            Err(problem) => return Err(problem),
+        };
+        let mut lacks = std::mem::take(&mut self.pending);
+        Ok(match read {
+            read if lacks.is_empty() => read,
+            Read::Material(material) => Read::Lacking(material, lacks.into()),
+            Read::Lacking(material, more) => {
+                lacks.extend(more.iter().cloned());
+                Read::Lacking(material, lacks.into())
+            }
+            Read::Interface => Read::Interface,
+        })
+    }
+
+    /// A diffuse surface of the colour that the parameters of another material give.
+    fn stand_in(&mut self, parameters: &Parameters) -> Material {
+        let names = ["reflectance", "Kd", "color", "transmittance"];
+        let found = names.into_iter().find(|name| parameters.given(name).is_some());
+        let pending = std::mem::take(&mut self.pending);
+        let color = found.and_then(|name| self.surface_spectrum(parameters, name).ok().flatten());
+        self.pending = pending;
+        let reflectance = color.unwrap_or([0.5; 3]).map(|c| c.clamp(0.0, 1.0) as f32);
+        Material::Diffuse { reflectance: reflectance.into(), sigma: 0.0.into() }
+    }
+
+    fn read_kind(&mut self, kind: &Name, parameters: &Parameters) -> Result<Read> {
         if matches!(
             kind.text.as_str(),
             "matte" | "mirror" | "metal" | "glass" | "plastic" | "substrate" | "uber"
@@ -192,30 +294,31 @@ impl Builder {
             "diffusetransmission" => self.diffuse_transmission(parameters)?,
             "conductor" => self.conductor(parameters)?,
             "metal" => self.metal(parameters)?,
-            "mirror" => self.mirror(kind, parameters)?,
+            "mirror" => self.mirror(parameters)?,
             "dielectric" => self.dielectric(parameters)?,
             "glass" => self.glass(parameters)?,
             "thindielectric" => {
                 Material::ThinDielectric { eta: self.index_of_refraction(parameters, "eta")?.into() }
             }
-            "mix" => self.mix(kind, parameters)?,
+            "mix" => return self.mix(kind, parameters),
             "plastic" | "substrate" | "uber" => self.uncoated(kind, parameters)?,
             other if UNSUPPORTED.contains(&other) => {
-                return Err(unsupported_kind("material", kind, &SUPPORTED));
+                return Err(unsupported_kind("material", kind, &SUPPORTED)
+                    .lacking("a diffuse surface of the same colour"));
             }
             _ => {
-                let known: Vec<&str> =
-                    SUPPORTED.into_iter().chain(UNSUPPORTED).filter(|n| !n.is_empty()).collect();
+                let known: Vec<&str> = SUPPORTED.into_iter().chain(UNSUPPORTED).collect();
                 let problem = unknown_kind("material", kind, &known);
-                return Err(problem.label(format!(
+                self.mistake(problem.label(format!(
                     "expected one of {}{}",
                     SUPPORTED.join(", "),
                     did_you_mean(&kind.text, &known)
-                )));
+                )))?;
+                // pbrt-v3 takes it for matte.
+                self.diffuse(parameters, "Kd")?
             }
         };
-        self.check_unused(parameters, &format!("material \"{}\"", kind.text))?;
-        Ok(material)
+        Ok(Read::Material(material))
     }
 
     /// A reflectance, clamped to [0, 1] as pbrt does.
@@ -274,16 +377,23 @@ impl Builder {
         {
             let value = match self.surface_spectrum(parameters, name)? {
                 Some(value) => value,
-                None => match spectra::named(default) {
-                    Some(Named::Metal(value)) => value,
-                    _ => [1.0; 3],
-                },
+                None => {
+                    let v3 = self.dialect.is_v3();
+                    spectra::named(default).and_then(|named| named.surface_rgb(v3)).unwrap_or([1.0; 3])
+                }
             };
-            let too_small = |c: f64| c < 0.0 || (c == 0.0 && name == "eta");
-            if value.into_iter().any(too_small) {
-                return Err(parameters.bad(name, "not positive", "expected numbers above 0"));
+            if value.into_iter().any(|c| c < 0.0) {
+                return Err(parameters.bad(name, "negative", "expected numbers that are not negative"));
             }
             *constant = rgb32(value, parameters, name)?;
+        }
+        let [eta, k] = &mut constants;
+        for (eta, k) in eta.iter().zip(k) {
+            // (0 - 1)^2 + k^2 = (0 + 1)^2 + k^2: everything is reflected, whatever k is. Where it is 0, too, the limit
+            // must not be 0 / 0.
+            if *eta == 0.0 && *k == 0.0 {
+                *k = 1.0;
+            }
         }
         let [eta, k] = constants.map(Parameter::Constant);
         Ok(Material::Conductor { eta, k, alpha: alpha.map(Parameter::Constant) })
@@ -295,13 +405,9 @@ impl Builder {
         self.optical_constants(parameters, alpha)
     }
 
-    fn mirror(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
-        self.warn(
-            Problem::at(kind.span, "material \"mirror\" is rendered as a conductor")
-                .label("of the same reflectance at normal incidence"),
-        );
-        let reflectance = self.reflectance(parameters, "Kr", 0.9)?;
-        Ok(conductor_of_reflectance(reflectance, [0.0; 2]))
+    fn mirror(&mut self, parameters: &Parameters) -> Result<Material> {
+        let reflectance = self.reflectance(parameters, "Kr", 0.9)?.map(|c| c as f32);
+        Ok(Material::Mirror { reflectance: reflectance.into() })
     }
 
     fn dielectric(&mut self, parameters: &Parameters) -> Result<Material> {
@@ -337,7 +443,9 @@ impl Builder {
             .into_iter()
             .find(|name| parameters.find(name).is_some())
             .unwrap_or("roughness");
-        Err(parameters.bad(name, "not 0", "expected 0: rough dielectrics are not supported yet"))
+        let problem = parameters.bad(name, "not 0", "expected 0: rough dielectrics are not supported yet");
+        self.pending.push(*problem.lacking("the dielectric is smooth"));
+        Ok(())
     }
 
     fn roughness(&mut self, parameters: &Parameters, default: f64) -> Result<[f64; 2]> {
@@ -372,11 +480,20 @@ impl Builder {
 
     /// Index of refraction of a dielectric: a number, or a glass at the yellow line.
     fn index_of_refraction(&mut self, parameters: &Parameters, name: &'static str) -> Result<f32> {
-        use ParameterType::{Float, Spectrum, Texture};
-        let Some(parameter) = parameters.typed(name, &[Float, Spectrum, Texture])? else {
+        use ParameterType::{Float, Rgb, Spectrum, Texture};
+        let Some(parameter) = parameters.typed(name, &[Float, Rgb, Spectrum, Texture])? else {
             return Ok(1.5);
         };
-        let eta = if parameter.ty == Spectrum {
+        let eta = if parameter.ty == Rgb {
+            parameter.single()?;
+            let numbers = parameter.numbers();
+            if numbers.iter().any(|eta| *eta != numbers[1]) {
+                let eta = numbers[1];
+                let text = format!("dispersion is ignored: the index of refraction is {eta} for all colours");
+                self.warn(parameter.problem(text));
+            }
+            numbers[1]
+        } else if parameter.ty == Spectrum {
             let (eta, disperses) = match self.spectrum(parameter)? {
                 SpectrumValue::Named(Named::Glass(eta)) => (eta, true),
                 SpectrumValue::Named(_) => {
@@ -406,7 +523,7 @@ impl Builder {
     }
 
     /// A mixture is supported where it is none: of equal materials, or with one of them only.
-    fn mix(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
+    fn mix(&mut self, kind: &Name, parameters: &Parameters) -> Result<Read> {
         let names: Vec<(String, Place)> = match parameters.typed("materials", &[ParameterType::String])? {
             Some(list) => {
                 list.strings().iter().enumerate().map(|(i, s)| (s.clone(), list.place(i))).collect()
@@ -429,9 +546,9 @@ impl Builder {
             return Err(Problem::at(kind.span, "material \"mix\" without two materials")
                 .label("expected \"string materials\" with two names"));
         };
-        let mut found = [Material::ThinDielectric { eta: Parameter::Constant(1.0) }; 2];
-        for (material, (name, place)) in found.iter_mut().zip([first, second]) {
-            *material = self.materials.by_name(name).ok_or_else(|| {
+        let mut found = [Read::Interface, Read::Interface];
+        for (read, (name, place)) in found.iter_mut().zip([first, second]) {
+            *read = self.materials.by_name(name).ok_or_else(|| {
                 Problem::new(place.clone(), format!("unknown material \"{}\"", shorten(name)))
                     .label("expected one that is defined before")
             })?;
@@ -447,29 +564,54 @@ impl Builder {
                 .and_then(|[r, g, b]| (r == g && g == b).then_some(r)),
             None => Some(0.5),
         };
-        match amount {
-            _ if found[0] == found[1] => Ok(found[0]),
-            Some(amount) if amount == 0.0 || amount == 1.0 => Ok(found[usize::from((amount == 1.0) != v3)]),
-            _ => Err(unsupported_kind("material", kind, &SUPPORTED)
-                .label("expected equal materials: true mixtures are not supported")),
+        let [first, second] = found;
+        let larger = usize::from((amount.is_some_and(|amount| amount > 0.5)) != v3);
+        match (&first, &second) {
+            (Read::Material(a), Read::Material(b)) if a == b => return Ok(first),
+            _ if amount == Some(0.0) || amount == Some(1.0) => {
+                return Ok(if larger == 1 { second } else { first });
+            }
+            _ => {}
         }
+        self.pending.push(
+            *unsupported_kind("material", kind, &SUPPORTED)
+                .label("expected equal materials: true mixtures are not supported")
+                .lacking("the material that has the larger share"),
+        );
+        let mut lacks = std::mem::take(&mut self.pending);
+        let mut shown = Material::Diffuse { reflectance: [0.5; 3].into(), sigma: 0.0.into() };
+        for (i, read) in [first, second].into_iter().enumerate() {
+            let material = match read {
+                Read::Material(material) => material,
+                Read::Lacking(material, more) => {
+                    lacks.extend(more.iter().cloned());
+                    material
+                }
+                Read::Interface => continue,
+            };
+            if i == larger {
+                shown = material;
+            }
+        }
+        Ok(Read::Lacking(shown, lacks.into()))
     }
 
-    /// v3's materials with a specular coat, without it: the diffuse base is the nearest that there is. What would make
-    /// something else than a coated diffuse surface of `uber` is an error.
+    /// v3's materials with a specular coat: without one, they are diffuse.
     fn uncoated(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
         let default = if kind.text == "substrate" { 0.5 } else { 0.25 };
         if self.surface_spectrum(parameters, "Ks")?.unwrap_or([default; 3]) != [0.0; 3] {
-            self.warn(
-                Problem::at(kind.span, format!("material \"{}\" is rendered as a diffuse one", kind.text))
-                    .label("its base \"Kd\" alone: the specular coat \"Ks\" is left out"),
-            );
+            let problem =
+                Problem::at(kind.span, format!("the specular coat of \"{}\" is not supported", kind.text))
+                    .label("expected \"rgb Ks\" [ 0 0 0 ]: the diffuse base \"Kd\" alone")
+                    .lacking("its diffuse base \"Kd\" alone");
+            self.pending.push(*problem);
         }
         if kind.text == "uber" {
             for (name, neutral) in [("Kr", [0.0; 3]), ("Kt", [0.0; 3]), ("opacity", [1.0; 3])] {
                 if self.surface_spectrum(parameters, name)?.is_some_and(|value| value != neutral) {
                     let expected = format!("expected {}: only the diffuse base is supported", neutral[0]);
-                    return Err(parameters.bad(name, &format!("not {}", neutral[0]), &expected));
+                    let problem = parameters.bad(name, &format!("not {}", neutral[0]), &expected);
+                    self.pending.push(*problem.lacking("its diffuse base \"Kd\" alone"));
                 }
             }
             parameters.accept(&["eta", "index"]);
@@ -479,6 +621,13 @@ impl Builder {
         Ok(Material::Diffuse { reflectance: reflectance.into(), sigma: Parameter::Constant(0.0) })
     }
 }
+
+/// A surface that does nothing to light: of index 1, it neither reflects nor bends.
+const NOT_THERE: Material = Material::Dielectric {
+    eta: Parameter::Constant(1.0),
+    reflectance: Parameter::Constant([0.0; 3]),
+    transmittance: Parameter::Constant([1.0; 3]),
+};
 
 /// pbrt-v4: alpha = sqrt(roughness).
 fn sqrt_remap(roughness: f64) -> f64 {

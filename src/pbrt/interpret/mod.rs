@@ -21,12 +21,12 @@ use crate::scene::{Filter, Material, Parameter, SceneDescription};
 
 use super::dialect::Dialect;
 use super::error::{Place, Problem, Result, Span};
-use super::graphics_state::{ActiveTransform, GraphicsState};
+use super::graphics_state::{ActiveTransform, GraphicsState, MediumInterface};
 use super::lexer::shorten;
 use super::parameters::Parameters;
 use super::parser::{Directive, Entity, Name, Naming, Plain, Statement, TransformOp};
 use super::suggest::did_you_mean;
-use super::transform::{self, MatrixError};
+use super::transform;
 use materials::MaterialTable;
 use objects::Objects;
 use options::Options;
@@ -38,6 +38,16 @@ const MAX_NESTING: usize = 10_000;
 
 /// Warnings that are kept; a broken exporter can make one for each of a million shapes.
 const MAX_WARNINGS: usize = 200;
+
+/// Distinct things that a scene lacks, of which an error tells.
+const MAX_LACKS: usize = 50;
+
+/// Whether the scene goes on.
+pub(crate) enum Flow {
+    On,
+    /// Nothing that follows belongs to it.
+    Ended,
+}
 
 /// What was opened and must be closed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,6 +93,15 @@ pub(crate) struct Builder {
     suppressed_warnings: usize,
     /// Mistakes that are errors in v4 and warnings in v3, found before the version was known.
     deferred: Vec<Problem>,
+    /// What the present directive asks for and wavepath lacks. A texture, a material or an object takes it along, and it
+    /// matters only where they are used.
+    pending: Vec<Problem>,
+    /// What the scene asks for and wavepath lacks, and how often.
+    lacks: Vec<(Problem, u64)>,
+    /// What is lacking is replaced, with a warning.
+    lenient: bool,
+    /// What was left out, counted by kind.
+    dropped: Vec<(Dropped, u64, Place)>,
     /// Files read besides scene files.
     inputs: Vec<PathBuf>,
     /// Of the main file, and of the file of the present directive.
@@ -90,7 +109,11 @@ pub(crate) struct Builder {
     directory: PathBuf,
     state: GraphicsState,
     stack: Vec<(Block, Span, GraphicsState)>,
+    /// Transforms as v3 saves them, which has two stacks: blocks that cross take from both what comes next.
+    transforms: Vec<([DAffine3; 2], ActiveTransform)>,
     coordinate_systems: HashMap<String, [DAffine3; 2]>,
+    /// No directive so far.
+    is_empty: bool,
     in_world: bool,
     world_ended: Option<Span>,
     options: Options,
@@ -101,7 +124,7 @@ pub(crate) struct Builder {
 }
 
 impl Builder {
-    pub(crate) fn new(dialect: Dialect, directory: PathBuf) -> Builder {
+    pub(crate) fn new(dialect: Dialect, directory: PathBuf, lenient: bool) -> Builder {
         let mut materials = MaterialTable::default();
         let default_material = materials.intern(Material::Diffuse {
             reflectance: Parameter::Constant([0.5; 3]),
@@ -113,12 +136,18 @@ impl Builder {
             warnings: Vec::new(),
             suppressed_warnings: 0,
             deferred: Vec::new(),
+            pending: Vec::new(),
+            lacks: Vec::new(),
+            lenient,
+            dropped: Vec::new(),
             inputs: Vec::new(),
             main_directory: directory.clone(),
             directory,
             state: GraphicsState::new(default_material),
             stack: Vec::new(),
+            transforms: Vec::new(),
             coordinate_systems: HashMap::new(),
+            is_empty: true,
             in_world: false,
             world_ended: None,
             options: Options::default(),
@@ -130,7 +159,7 @@ impl Builder {
     }
 
     /// Takes the next directive. `directory`: of the file that it stands in.
-    pub(crate) fn statement(&mut self, statement: Statement, directory: &Path) -> Result<()> {
+    pub(crate) fn statement(&mut self, statement: Statement, directory: &Path) -> Result<Flow> {
         if self.directory != directory {
             self.directory = directory.to_path_buf();
         }
@@ -138,12 +167,28 @@ impl Builder {
         if let Some(span) = v3_sign {
             self.dialect.saw_v3(span)?;
         }
+        self.is_empty = false;
         if let Some(ended) = self.world_ended {
-            return Err(Problem::at(span, format!("{keyword} after WorldEnd"))
-                .label("expected the end of the file")
-                .note(Place::Span(ended), "the scene ends here"));
+            // pbrt-v3 renders every frame of a file.
+            self.warn(
+                Problem::at(span, format!("{keyword} after WorldEnd"))
+                    .label("only what stands before it is rendered: the file's first frame")
+                    .note(Place::Span(ended), "the first frame ends here"),
+            );
+            return Ok(Flow::Ended);
         }
         self.check_order(keyword, &directive, span)?;
+        match self.directive(keyword, directive, span) {
+            Err(problem) if problem.lacking.is_some() => self.pending.push(*problem),
+            result => result?,
+        }
+        for problem in std::mem::take(&mut self.pending) {
+            self.lack(problem);
+        }
+        Ok(Flow::On)
+    }
+
+    fn directive(&mut self, keyword: &'static str, directive: Directive, span: Span) -> Result<()> {
         match directive {
             Directive::Plain(plain) => self.plain(plain, span),
             Directive::Transform(op) => self.transform(keyword, &op, span),
@@ -153,7 +198,10 @@ impl Builder {
             Directive::Texture { name, value_type, class, parameters } => {
                 self.texture(name, &value_type, class, parameters)
             }
-            Directive::MediumInterface(inside, outside) => medium_interface(&inside, &outside),
+            Directive::MediumInterface(inside, outside) => {
+                self.state.medium = MediumInterface::new(&inside, &outside);
+                Ok(())
+            }
             Directive::Option(parameter) => self.option(&parameter),
         }
     }
@@ -216,48 +264,77 @@ impl Builder {
             return Err(Problem::at(span, format!("more than {MAX_NESTING} nested blocks")).label("too deep"));
         }
         self.stack.push((block, span, self.state.clone()));
+        self.transforms.push((self.state.ctm, self.state.active));
         Ok(())
     }
 
     fn pop(&mut self, block: Block, span: Span) -> Result<()> {
-        let Some((open, opened_at, saved)) = self.stack.pop() else {
-            let message = format!("{} without {}", block.end(), block.begin());
-            return Err(Problem::at(span, message).label("nothing is open here"));
-        };
-        if open != block {
-            return Err(Problem::at(span, format!("{} inside {}", block.end(), open.begin()))
-                .label(format!("expected {}", open.end()))
-                .note(Place::Span(opened_at), "opened here"));
+        let last = self.stack.last().map(|(open, opened_at, _)| (*open, *opened_at));
+        match last {
+            Some((open, _)) if open == block => {}
+            None => {
+                let message = format!("{} without {}", block.end(), block.begin());
+                return self.mistake(Problem::at(span, message).label("nothing is open here"));
+            }
+            Some((open, opened_at)) => {
+                let message = format!("{} inside {}", block.end(), open.begin());
+                self.mistake(
+                    Problem::at(span, message)
+                        .label(format!("expected {}", open.end()))
+                        .note(Place::Span(opened_at), "opened here"),
+                )?;
+                self.pop_crossing(block);
+                return Ok(());
+            }
         }
+        let (_, _, saved) = self.stack.pop().expect("it was looked at");
+        let (ctm, active) = self.transforms.pop().unwrap_or((saved.ctm, saved.active));
         // In v4 TransformBegin is another word for AttributeBegin.
         if block == Block::Transform && self.dialect.is_v3() {
-            self.state.ctm = saved.ctm;
-            self.state.active = saved.active;
+            (self.state.ctm, self.state.active) = (ctm, active);
         } else {
             self.state = saved;
+            (self.state.ctm, self.state.active) = (ctm, active);
         }
         Ok(())
     }
 
-    fn check_closed(&self, at: Option<Span>) -> Result<()> {
-        let Some((block, span, _)) = self.stack.last() else {
-            return Ok(());
-        };
-        let message = format!("{} is never closed", block.begin());
-        let problem = Problem::at(*span, message).label(format!("expected {} behind it", block.end()));
-        Err(match at {
-            Some(end) => problem.note(Place::Span(end), "the scene ends here"),
-            None => problem,
-        })
+    /// Ends a block that is not the innermost, as v3 does it: attributes and transforms lie on stacks of their own, and
+    /// the end of an attribute block takes the uppermost of both.
+    fn pop_crossing(&mut self, block: Block) {
+        let is_attribute = |open: Block| matches!(open, Block::Attribute | Block::Object);
+        let same = |open: Block| if is_attribute(block) { is_attribute(open) } else { open == block };
+        let at = self.stack.iter().rposition(|(open, ..)| same(*open));
+        match at.map(|at| self.stack.remove(at)) {
+            Some((_, _, saved)) if is_attribute(block) => self.state = saved,
+            None if is_attribute(block) => return,
+            _ => {}
+        }
+        if let Some((ctm, active)) = self.transforms.pop() {
+            (self.state.ctm, self.state.active) = (ctm, active);
+        }
+    }
+
+    fn check_closed(&mut self, at: Option<Span>) -> Result<()> {
+        let open: Vec<(Block, Span)> =
+            self.stack.iter().rev().map(|(block, span, _)| (*block, *span)).collect();
+        for (block, span) in open {
+            let message = format!("{} is never closed", block.begin());
+            let problem = Problem::at(span, message).label(format!("expected {} behind it", block.end()));
+            self.mistake(match at {
+                Some(end) => problem.note(Place::Span(end), "the scene ends here"),
+                None => problem,
+            })?;
+        }
+        self.stack.clear();
+        Ok(())
     }
 
     fn transform(&mut self, keyword: &str, op: &TransformOp, span: Span) -> Result<()> {
         let bad = |message: &str| Problem::at(span, format!("{keyword}: {message}"));
         let change = match op {
             TransformOp::Translate(v) => transform::translate(*v),
-            TransformOp::Scale(v) => transform::scale(*v).ok_or_else(|| {
-                bad("the scale cannot be inverted").label("expected factors that are not 0")
-            })?,
+            TransformOp::Scale(v) => transform::scale(*v),
             TransformOp::Rotate([angle, x, y, z]) => {
                 transform::rotate(*angle, [*x, *y, *z]).ok_or_else(|| bad("the axis has no direction"))?
             }
@@ -268,10 +345,9 @@ impl Builder {
                 })?
             }
             TransformOp::Transform(m) | TransformOp::ConcatTransform(m) => {
-                transform::matrix(m).map_err(|error| match error {
-                    MatrixError::Projective => bad("the matrix is projective")
-                        .label("expected 0 0 0 and not 0 as entries 4, 8, 12 and 16"),
-                    MatrixError::Singular => bad("the matrix cannot be inverted"),
+                transform::matrix(m).ok_or_else(|| {
+                    bad("the matrix is projective")
+                        .label("expected 0 0 0 and not 0 as entries 4, 8, 12 and 16")
                 })?
             }
             // Times of a motion; without motion they mean nothing.
@@ -281,8 +357,9 @@ impl Builder {
             TransformOp::Transform(_) => self.state.update(|_| change),
             _ => self.state.update(|ctm| ctm * change),
         }
-        if self.state.ctm.iter().any(|ctm| transform::invertible(*ctm).is_none()) {
-            return Err(bad("the transform that results cannot be inverted"));
+        // Whether there is a way back matters to what stands under it.
+        if self.state.ctm.iter().any(|ctm| !ctm.is_finite()) {
+            return Err(bad("the transform that results is not finite"));
         }
         Ok(())
     }
@@ -301,12 +378,31 @@ impl Builder {
     }
 
     /// The present transform, for a thing that cannot move.
-    fn static_ctm(&self, span: Span) -> Result<DAffine3> {
-        if self.state.ctm[0] == self.state.ctm[1] {
-            return Ok(self.state.ctm[0]);
+    fn static_ctm(&mut self, span: Span) -> Result<DAffine3> {
+        let [start, end] = self.state.ctm;
+        if !transform::same(&start, &end) {
+            let problem = Problem::at(span, "motion is not supported")
+                .label("the transforms at StartTime and EndTime differ here")
+                .lacking("it stands still where it is at StartTime");
+            self.pending.push(*problem);
         }
-        Err(Problem::at(span, "motion is not supported")
-            .label("the transforms at StartTime and EndTime differ here"))
+        Ok(start)
+    }
+
+    /// Complains if the camera or a light is in a medium.
+    fn check_vacuum(&mut self) {
+        if self.state.medium.outside {
+            self.lack_medium();
+        }
+    }
+
+    fn lack_medium(&mut self) {
+        if let Some(span) = self.state.medium.named {
+            let problem = Problem::at(span, "participating media are not supported")
+                .label("expected \"\", the vacuum, on both sides")
+                .lacking("light goes through the vacuum");
+            self.pending.push(*problem);
+        }
     }
 
     fn named(&mut self, naming: Naming, name: Name, span: Span) -> Result<()> {
@@ -322,24 +418,23 @@ impl Builder {
                 }
                 None => Err(unknown("coordinate system", &name, self.coordinate_systems.keys())),
             },
-            Naming::NamedMaterial => {
-                self.state.material = self.materials.named(&name);
-                Ok(())
-            }
+            Naming::NamedMaterial => self.named_material(&name),
             Naming::ObjectBegin => self.begin_object(name, span),
             Naming::ObjectInstance => self.instance(&name, span),
             Naming::ColorSpace => match name.text.as_str() {
                 "srgb" => Ok(()),
                 "aces2065-1" | "rec2020" | "dci-p3" => {
                     Err(Problem::at(name.span, format!("color space \"{}\" is not supported", name.text))
-                        .label("expected \"srgb\""))
+                        .label("expected \"srgb\"")
+                        .lacking("numbers are taken for \"srgb\""))
                 }
                 _ => Err(unknown_kind("color space", &name, &["srgb"])),
             },
         }
     }
 
-    fn entity(&mut self, entity: Entity, name: Name, parameters: Parameters, span: Span) -> Result<()> {
+    fn entity(&mut self, entity: Entity, name: Name, mut parameters: Parameters, span: Span) -> Result<()> {
+        self.check_arrays(&mut parameters)?;
         match entity {
             Entity::Accelerator => {
                 parameters.accept_all();
@@ -351,8 +446,11 @@ impl Builder {
             Entity::Integrator => self.integrator(&name, &parameters),
             Entity::PixelFilter => self.pixel_filter(&name, &parameters),
             Entity::Sampler => self.sampler(&name, &parameters),
-            Entity::MakeNamedMedium => Err(Problem::at(span, "participating media are not supported")
-                .label("MakeNamedMedium cannot be rendered")),
+            // A medium matters where a shape, the camera or a light is in it.
+            Entity::MakeNamedMedium => {
+                parameters.accept_all();
+                Ok(())
+            }
             Entity::Material => {
                 let parameters = parameters.with_defaults(&self.state.defaults.material);
                 self.material(&name, &parameters)
@@ -406,22 +504,72 @@ impl Builder {
         }
     }
 
-    /// Complains about parameters that nobody asked for: an error in v4, a warning in v3.
+    /// A mistake that ends a scene of v4, and with which v3 lives after a warning.
+    fn mistake(&mut self, problem: Box<Problem>) -> Result<()> {
+        if self.dialect.is_surely_v4() {
+            return Err(problem);
+        }
+        if self.dialect.is_v3() {
+            self.warn(problem);
+        } else if self.deferred.len() < MAX_LACKS {
+            self.deferred.push(*problem);
+        }
+        Ok(())
+    }
+
+    /// Arrays that are empty, or hold too many numbers.
+    fn check_arrays(&mut self, parameters: &mut Parameters) -> Result<()> {
+        for problem in parameters.take_mistakes() {
+            self.mistake(Box::new(problem))?;
+        }
+        if self.dialect.is_surely_v3() {
+            parameters.forgive_types();
+        }
+        Ok(())
+    }
+
+    /// Complains about parameters that nobody asked for.
     fn check_unused(&mut self, parameters: &Parameters, what: &str) -> Result<()> {
         for problem in parameters.shadowed() {
             self.warn(Box::new(problem));
         }
         for problem in parameters.unknown(what) {
-            if self.dialect.is_surely_v4() {
-                return Err(Box::new(problem));
-            }
-            if self.dialect.is_v3() {
-                self.warn(Box::new(problem));
-            } else {
-                self.deferred.push(problem);
-            }
+            self.mistake(Box::new(problem))?;
         }
         Ok(())
+    }
+
+    /// Notes what the scene needs and wavepath lacks. The same complaint is kept once.
+    fn lack(&mut self, problem: Problem) {
+        match self.lacks.iter().position(|(known, _)| known.message == problem.message) {
+            Some(at) => self.lacks[at].1 += 1,
+            None if self.lacks.len() < MAX_LACKS => self.lacks.push((problem, 1)),
+            None => {}
+        }
+    }
+
+    /// What the scene lacks, each with how often.
+    fn take_lacks(&mut self) -> Vec<Problem> {
+        let with_count = |(problem, count): (Problem, u64)| match count {
+            1 => problem,
+            _ => {
+                let more =
+                    if count == 2 { "once more".to_string() } else { format!("{} times more", count - 1) };
+                *Box::new(problem).note(Place::Nowhere, format!("the scene has this {more}"))
+            }
+        };
+        std::mem::take(&mut self.lacks).into_iter().map(with_count).collect()
+    }
+
+    /// Counts what is left out of the scene.
+    fn drop_count(&mut self, what: Dropped, count: u64, place: Place) {
+        if count == 0 {
+            return;
+        }
+        match self.dropped.iter_mut().find(|(known, ..)| *known == what) {
+            Some((_, total, _)) => *total += count,
+            None => self.dropped.push((what, count, place)),
+        }
     }
 
     /// A file that a parameter names: relative to the file it stands in, or else to the main file, as pbrt has it.
@@ -435,22 +583,45 @@ impl Builder {
     }
 
     /// Ends the scene.
-    pub(crate) fn finish(mut self) -> Result<Finished> {
-        if !self.deferred.is_empty() {
-            return Err(Box::new(self.deferred.swap_remove(0)));
+    pub(crate) fn finish(mut self) -> std::result::Result<Finished, Vec<Problem>> {
+        if let Err(problem) = self.close() {
+            return Err(self.failure(problem));
         }
+        let mut lacks = self.take_lacks();
+        if !self.deferred.is_empty() || !(lacks.is_empty() || self.lenient) {
+            self.deferred.append(&mut lacks);
+            return Err(self.deferred);
+        }
+        for mut problem in lacks {
+            if let Some(instead) = problem.lacking {
+                problem.label = instead.to_string();
+            }
+            self.warnings.push(problem);
+        }
+        self.final_warnings();
+        Ok(Finished { scene: self.scene, warnings: self.warnings, inputs: self.inputs })
+    }
+
+    /// Everything there is to say after an error: mistakes that were found before it, and what is lacking.
+    pub(crate) fn failure(&mut self, problem: Box<Problem>) -> Vec<Problem> {
+        let mut all = std::mem::take(&mut self.deferred);
+        all.push(*problem);
+        all.extend(self.take_lacks());
+        all
+    }
+
+    fn close(&mut self) -> Result<()> {
         self.check_closed(None)?;
         if !self.in_world {
-            return Err(Problem::new(Place::Nowhere, "the scene has no WorldBegin")
+            let what = if self.is_empty { "the file is empty" } else { "the scene has no WorldBegin" };
+            return Err(Problem::new(Place::Scene, what)
                 .label("expected WorldBegin between the options and the scene"));
         }
         self.finish_instances()?;
         self.finish_options()?;
         self.finish_filter();
-        self.materials.finish(&mut self.scene)?;
-        self.scale_lights()?;
-        self.final_warnings();
-        Ok(Finished { scene: self.scene, warnings: self.warnings, inputs: self.inputs })
+        self.finish_materials()?;
+        self.scale_lights()
     }
 
     fn finish_filter(&mut self) {
@@ -462,14 +633,14 @@ impl Builder {
     }
 
     fn final_warnings(&mut self) {
-        if let Some(warning) = self.totals.degenerate_warning() {
-            self.warn(warning);
+        for (what, count, place) in std::mem::take(&mut self.dropped) {
+            self.warnings.push(*what.warning(count, place));
         }
         let emits = |scene: &SceneDescription| {
             !scene.lights.is_empty() || scene.shapes.iter().any(|shape| shape.emission.is_some())
         };
         if !emits(&self.scene) {
-            self.warn(Problem::new(Place::Nowhere, "the scene has no lights: the picture will be black"));
+            self.warn(Problem::new(Place::Scene, "the scene has no lights: the picture will be black"));
         }
         if self.suppressed_warnings > 0 {
             let text = format!("{} more warnings are not shown", self.suppressed_warnings);
@@ -479,7 +650,7 @@ impl Builder {
 
     /// Applies the film's exposure to everything that shines: the picture is linear in the lights.
     fn scale_lights(&mut self) -> Result<()> {
-        let scale = self.options.exposure;
+        let scale = self.options.exposure * self.options.shutter_seconds;
         if scale == 1.0 {
             return Ok(());
         }
@@ -499,7 +670,7 @@ impl Builder {
             apply(light.colour_mut());
         }
         if !finite {
-            return Err(Problem::new(Place::Nowhere, "a light is too bright")
+            return Err(Problem::new(Place::Scene, "a light is too bright")
                 .label("its radiance times the film's exposure is not a number"));
         }
         Ok(())
@@ -537,12 +708,65 @@ fn place_of(directive: &Directive) -> Where {
     }
 }
 
-fn medium_interface(inside: &Name, outside: &Name) -> Result<()> {
-    match [inside, outside].into_iter().find(|name| !name.text.is_empty()) {
-        None => Ok(()),
-        Some(name) => Err(Problem::at(name.span, "participating media are not supported")
-            .label("expected \"\", the vacuum, on both sides")),
+/// What is left out of a scene, or drawn otherwise than one might expect, with a warning that counts it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Dropped {
+    DegenerateTriangles,
+    Faces,
+    Polygons,
+    FoldedQuads,
+    UvValues,
+    UvArrays,
+    Normals,
+    NormalArrays,
+    Indices,
+    SingularShapes,
+    InterfaceLamps,
+}
+
+impl Dropped {
+    fn warning(self, count: u64, place: Place) -> Box<Problem> {
+        let s = if count == 1 { "" } else { "s" };
+        let text = match self {
+            Dropped::DegenerateTriangles => format!("{count} degenerate triangle{s} (of zero area) left out"),
+            Dropped::Faces => {
+                format!("{count} face{s} left out: not plane, crossing themselves or without three corners")
+            }
+            Dropped::Polygons => {
+                format!("{count} face{s} with more than four corners cut into triangles (pbrt refuses them)")
+            }
+            Dropped::FoldedQuads => format!(
+                "{count} quad{s} with a reflex corner or crossing edges: drawn as pbrt-v4 does, as folded patches"
+            ),
+            Dropped::UvValues => format!("{count} texture coordinate{s} left out: not finite"),
+            Dropped::Normals => {
+                format!("{count} normal{s} left out: not finite; faces with such a corner are shaded flat")
+            }
+            Dropped::UvArrays => {
+                format!("{count} array{s} of texture coordinates left out or cut: not one for each vertex")
+            }
+            Dropped::NormalArrays => {
+                format!("{count} array{s} of normals left out: not one for each vertex")
+            }
+            Dropped::Indices => {
+                let noun = if count == 1 { "index" } else { "indices" };
+                format!("{count} {noun} left out behind the last whole face of a mesh")
+            }
+            Dropped::SingularShapes => {
+                format!("{count} shape{s} left out: the transform makes it flat, and cannot be inverted")
+            }
+            Dropped::InterfaceLamps => {
+                format!("{count} lamp{s} of the material \"interface\" left out, as in pbrt-v4")
+            }
+        };
+        Problem::new(place, text).label("the first is here")
     }
+}
+
+/// A thing that must be seen from its own space, under a transform that has no way back.
+fn singular(span: Span, what: &str) -> Box<Problem> {
+    Problem::at(span, format!("the transform of {what} cannot be inverted"))
+        .label("it makes this flat: expected factors that are not 0")
 }
 
 /// A name that was never defined.

@@ -1,5 +1,6 @@
 //! Objects and their instances. Instances are flattened: each is a copy of the object's shapes in world space.
 
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -15,7 +16,7 @@ use super::{Block, Builder, unknown};
 /// Objects by name, and the one that is being defined.
 #[derive(Default)]
 pub(super) struct Objects {
-    defined: HashMap<String, Rc<Vec<PlacedShape>>>,
+    defined: HashMap<String, Rc<Object>>,
     open: Option<OpenObject>,
     /// Instances of objects that are not defined so far: object, transform, place.
     waiting: Vec<(Name, DAffine3, Span)>,
@@ -24,13 +25,25 @@ pub(super) struct Objects {
 struct OpenObject {
     name: String,
     span: Span,
+    object: Object,
+}
+
+#[derive(Default)]
+struct Object {
     shapes: Vec<PlacedShape>,
+    /// What its shapes lack: matters once there is an instance.
+    lacks: RefCell<Vec<Problem>>,
 }
 
 impl Objects {
     /// The shapes of the object that is being defined.
     pub(super) fn open_shapes(&mut self) -> Option<&mut Vec<PlacedShape>> {
-        self.open.as_mut().map(|open| &mut open.shapes)
+        self.open.as_mut().map(|open| &mut open.object.shapes)
+    }
+
+    /// What the object lacks that is being defined.
+    pub(super) fn open_lacks(&mut self) -> Option<&mut Vec<Problem>> {
+        self.open.as_mut().map(|open| open.object.lacks.get_mut())
     }
 
     pub(super) fn is_open(&self) -> bool {
@@ -41,33 +54,38 @@ impl Objects {
 impl Builder {
     pub(super) fn begin_object(&mut self, name: Name, span: Span) -> Result<()> {
         if let Some(open) = &self.objects.open {
-            return Err(Problem::at(span, "ObjectBegin inside an object")
-                .label("objects cannot be nested")
-                .note(Place::Span(open.span), "the outer object begins here"));
+            let outer = open.span;
+            self.mistake(
+                Problem::at(span, "ObjectBegin inside an object")
+                    .label("objects cannot be nested")
+                    .note(Place::Span(outer), "the outer object begins here"),
+            )?;
+            // pbrt-v3: what follows belongs to the new one.
+            self.end_object();
         }
         if self.objects.defined.contains_key(&name.text) {
-            return Err(Problem::at(
-                name.span,
-                format!("object \"{}\" is defined twice", shorten(&name.text)),
-            )
-            .label("expected a new name"));
+            let text = format!("object \"{}\" is defined twice", shorten(&name.text));
+            self.mistake(Problem::at(name.span, text).label("expected a new name"))?;
         }
         self.push(Block::Object, span)?;
-        self.objects.open = Some(OpenObject { name: name.text, span, shapes: Vec::new() });
+        self.objects.open = Some(OpenObject { name: name.text, span, object: Object::default() });
         Ok(())
     }
 
     pub(super) fn end_object(&mut self) {
         if let Some(open) = self.objects.open.take() {
-            self.objects.defined.insert(open.name, Rc::new(open.shapes));
+            self.objects.defined.insert(open.name, Rc::new(open.object));
         }
     }
 
     pub(super) fn instance(&mut self, name: &Name, span: Span) -> Result<()> {
         if let Some(open) = &self.objects.open {
-            return Err(Problem::at(span, "ObjectInstance inside an object")
-                .label("instances of instances are not part of the format")
-                .note(Place::Span(open.span), "the object begins here"));
+            let outer = open.span;
+            return self.mistake(
+                Problem::at(span, "ObjectInstance inside an object")
+                    .label("instances of instances are not part of the format")
+                    .note(Place::Span(outer), "the object begins here"),
+            );
         }
         let world_from_instance = self.static_ctm(span)?;
         // v4 places instances when everything is read.
@@ -88,10 +106,13 @@ impl Builder {
     }
 
     fn place(&mut self, name: &Name, world_from_instance: DAffine3, span: Span) -> Result<()> {
-        let Some(shapes) = self.objects.defined.get(&name.text).cloned() else {
-            return Err(unknown("object", name, self.objects.defined.keys()));
+        let Some(object) = self.objects.defined.get(&name.text).cloned() else {
+            return self.mistake(unknown("object", name, self.objects.defined.keys()));
         };
-        for shape in shapes.iter() {
+        for problem in object.lacks.take() {
+            self.lack(problem);
+        }
+        for shape in &object.shapes {
             self.emit(shape, Some(world_from_instance), span)?;
         }
         Ok(())

@@ -3,10 +3,11 @@
 use crate::pbrt::error::{Problem, Result, Span};
 use crate::pbrt::parameters::{Parameter, ParameterType, Parameters, Values};
 use crate::pbrt::parser::Name;
+use crate::pbrt::transform::invertible;
 use crate::scene::{Camera, Film, Filter, Sampler, SamplerKind};
 use wavepath_kernels::queue::MAX_DEPTH;
 
-use super::{Builder, unknown_kind, unsupported_kind};
+use super::{Builder, singular, unknown_kind, unsupported_kind};
 
 /// Largest side of an image.
 const MAX_SIDE: i32 = 65_536;
@@ -25,11 +26,13 @@ pub(super) struct Options {
     /// Factor on all light.
     pub exposure: f64,
     seed: Option<u64>,
+    /// How long the shutter is open, where that counts.
+    pub shutter_seconds: f64,
 }
 
 impl Default for Options {
     fn default() -> Options {
-        Options { filter: None, integrator_bounds: None, exposure: 1.0, seed: None }
+        Options { filter: None, integrator_bounds: None, exposure: 1.0, seed: None, shutter_seconds: 1.0 }
     }
 }
 
@@ -38,11 +41,18 @@ impl Builder {
         match name.text.as_str() {
             "perspective" => {}
             "orthographic" | "realistic" | "spherical" | "environment" => {
-                return Err(unsupported_kind("camera", name, &["perspective"]));
+                let problem = unsupported_kind("camera", name, &["perspective"])
+                    .lacking("a perspective camera at the same place");
+                self.pending.push(*problem);
+                parameters.accept_all();
             }
             _ => return Err(unknown_kind("camera", name, &["perspective"])),
         }
+        self.check_vacuum();
         let camera_from_world = self.static_ctm(span)?;
+        if invertible(camera_from_world).is_none() {
+            return Err(singular(span, "the camera"));
+        }
         let world_from_camera = camera_from_world.inverse();
         if !world_from_camera.translation.as_vec3().is_finite() {
             return Err(
@@ -61,8 +71,17 @@ impl Builder {
             lens_radius: parameters.non_negative_or("lensradius", 0.0)?,
             focal_distance: parameters.positive_or("focaldistance", 1e6)?,
         };
-        // Nothing moves, so the shutter changes nothing.
-        parameters.accept(&["shutteropen", "shutterclose"]);
+        // Nothing moves; but v4's film counts the energy that arrives while the shutter is open.
+        let [open, close] =
+            [parameters.float_or("shutteropen", 0.0)?, parameters.float_or("shutterclose", 1.0)?];
+        self.options.shutter_seconds = 1.0;
+        if close - open != 1.0 && !self.dialect.is_v3() {
+            if close <= open {
+                let found = format!("{close}, and the shutter opens at {open}");
+                return self.mistake(parameters.bad("shutterclose", &found, "expected a later time"));
+            }
+            self.options.shutter_seconds = close - open;
+        }
         self.check_unused(parameters, "camera \"perspective\"")
     }
 
@@ -90,7 +109,11 @@ impl Builder {
                 );
             }
             "image" => self.dialect.saw_v3(name.span)?,
-            "spectral" => return Err(unsupported_kind("film", name, &["rgb"])),
+            "spectral" => {
+                self.dialect.saw_v4();
+                self.pending.push(*unsupported_kind("film", name, &["rgb"]).lacking("film \"rgb\""));
+                parameters.accept(&["nbuckets", "lambdamin", "lambdamax"]);
+            }
             _ => return Err(unknown_kind("film", name, &["rgb", "gbuffer", "image"])),
         }
         let resolution = resolution(parameters)?;
@@ -118,19 +141,14 @@ impl Builder {
     /// v3's `scale` and v4's `exposuretime * iso / 100` scale the picture.
     fn exposure(&mut self, parameters: &Parameters) -> Result<()> {
         if let Some(sensor) = parameters.string("sensor")?.filter(|sensor| *sensor != "cie1931") {
-            return Err(parameters.bad(
-                "sensor",
-                sensor,
-                "expected \"cie1931\": other sensors are not supported",
-            ));
+            let label = "expected \"cie1931\": other sensors are not supported";
+            self.pending.push(*parameters.bad("sensor", sensor, label).lacking("the sensor \"cie1931\""));
         }
         let white = parameters.float_or("whitebalance", 0.0)?;
         if white != 0.0 {
-            return Err(parameters.bad(
-                "whitebalance",
-                &white.to_string(),
-                "expected 0: white balance is not supported",
-            ));
+            let label = "expected 0: white balance is not supported";
+            let problem = parameters.bad("whitebalance", &white.to_string(), label);
+            self.pending.push(*problem.lacking("colours as they are"));
         }
         self.options.exposure = parameters.positive_or("scale", 1.0)?
             * parameters.positive_or("iso", 100.0)?
@@ -187,7 +205,7 @@ impl Builder {
                 b: parameters.float_or("B", 1.0 / 3.0)?,
                 c: parameters.float_or("C", 1.0 / 3.0)?,
             },
-            "sinc" => return Err(unsupported_kind("filter", name, &KNOWN)),
+            "sinc" => return Err(unsupported_kind("filter", name, &KNOWN).lacking("the default filter")),
             _ => return Err(unknown_kind("filter", name, &KNOWN)),
         };
         self.options.filter = Some(filter);
@@ -273,8 +291,17 @@ impl Builder {
                 // Their other parameters steer methods that are not used.
                 parameters.accept_all();
             }
-            "ambientocclusion" | "ao" | "randomwalk" | "function" | "directlighting" | "whitted" => {
-                return Err(unsupported_kind("integrator", name, &KNOWN));
+            "directlighting" | "whitted" => {
+                self.warn(
+                    Problem::at(name.span, format!("integrator \"{}\" is rendered as \"path\"", name.text))
+                        .label("which adds the light that comes by way of several surfaces"),
+                );
+                parameters.accept_all();
+            }
+            "ambientocclusion" | "ao" | "randomwalk" | "function" => {
+                let problem = unsupported_kind("integrator", name, &KNOWN).lacking("integrator \"path\"");
+                self.pending.push(*problem);
+                parameters.accept_all();
             }
             _ => return Err(unknown_kind("integrator", name, &KNOWN)),
         }

@@ -7,14 +7,14 @@ use glam::{DAffine3, DVec3};
 
 use crate::memory;
 use crate::pbrt::error::{Place, Problem, Result, Span};
-use crate::pbrt::lexer::shorten;
-use crate::pbrt::parameters::{Parameter, ParameterType, Parameters};
+use crate::pbrt::parameters::{ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::ply;
+use crate::pbrt::polygon;
 use crate::pbrt::transform::{invertible, normal_matrix, swaps_handedness};
 use crate::scene::{Emission, Geometry, MaterialId, Mesh, MeshId, Shape};
 
-use super::{Builder, unknown_kind, unsupported_kind};
+use super::{Builder, Dropped, unknown_kind, unsupported_kind};
 
 const KNOWN: [&str; 6] = ["sphere", "disk", "cylinder", "trianglemesh", "plymesh", "bilinearmesh"];
 
@@ -23,9 +23,6 @@ const UNSUPPORTED: [&str; 8] =
 
 /// Most triangles of a scene: their handles are 32 bits, one of which is wanted for other ends.
 const MAX_TRIANGLES: u64 = (1 << 31) - 1;
-
-/// Distance of a quad's corners from its plane, relative to its size, up to which it counts as plane.
-const PLANAR: f64 = 1e-4;
 
 /// A mesh as the file has it.
 #[derive(Debug, Default)]
@@ -60,17 +57,20 @@ pub(super) struct ShapeTotals {
     triangles: u64,
     bytes: u64,
     memory: u64,
-    degenerate: u64,
-    first_degenerate: Option<Span>,
 }
 
 impl Default for ShapeTotals {
     fn default() -> ShapeTotals {
-        ShapeTotals { triangles: 0, bytes: 0, memory: memory::limit(), degenerate: 0, first_degenerate: None }
+        ShapeTotals { triangles: 0, bytes: 0, memory: memory::limit() }
     }
 }
 
 impl ShapeTotals {
+    /// Complains if a mesh of this size does not fit, before it is made.
+    fn check(&self, triangles: usize, vertices: usize, span: Span) -> Result<()> {
+        ShapeTotals { ..*self }.add(triangles, vertices, span)
+    }
+
     fn add(&mut self, triangles: usize, vertices: usize, span: Span) -> Result<()> {
         // A vertex with normal and uv; three indices; the shape itself.
         let bytes = (vertices as u64)
@@ -90,56 +90,71 @@ impl ShapeTotals {
         }
         Ok(())
     }
-
-    /// One warning about all the triangles without area.
-    pub(super) fn degenerate_warning(&self) -> Option<Box<Problem>> {
-        let span = self.first_degenerate?;
-        let count = self.degenerate;
-        let text = format!(
-            "{count} degenerate triangle{} (of zero area) left out",
-            if count == 1 { "" } else { "s" }
-        );
-        Some(Problem::at(span, text).label("the first is here"))
-    }
 }
 
 impl Builder {
-    /// `Shape`.
+    /// `Shape`. What it lacks belongs to the object that is being defined, if there is one.
     pub(super) fn shape(&mut self, kind: &Name, parameters: &Parameters, span: Span) -> Result<()> {
-        let source = match kind.text.as_str() {
-            "sphere" => sphere(parameters)?,
-            "disk" => disk(parameters)?,
-            "cylinder" => cylinder(parameters)?,
-            "trianglemesh" => triangle_mesh(parameters, span)?,
+        match self.read_shape(kind, parameters, span) {
+            Err(problem) if problem.lacking.is_some() => self.pending.push(*problem),
+            result => result?,
+        }
+        if let Some(lacks) = self.objects.open_lacks() {
+            lacks.append(&mut self.pending);
+        }
+        Ok(())
+    }
+
+    fn read_shape(&mut self, kind: &Name, parameters: &Parameters, span: Span) -> Result<()> {
+        let sources = match kind.text.as_str() {
+            "sphere" => vec![sphere(parameters)?],
+            "disk" => vec![disk(parameters)?],
+            "cylinder" => vec![cylinder(parameters)?],
+            "trianglemesh" => self.triangle_mesh(parameters, span)?,
             "plymesh" => self.ply_mesh(parameters, span)?,
             "bilinearmesh" => self.bilinear_mesh(parameters, span)?,
             other if UNSUPPORTED.contains(&other) => {
-                return Err(unsupported_kind("shape", kind, &KNOWN));
+                return Err(unsupported_kind("shape", kind, &KNOWN).lacking("the shape is left out"));
             }
-            _ => return Err(unknown_kind("shape", kind, &KNOWN)),
+            _ => return self.mistake(unknown_kind("shape", kind, &KNOWN)),
         };
-        for name in ["alpha", "shadowalpha"] {
-            let alpha = self.float_texture(parameters, name)?.unwrap_or(1.0);
-            if alpha != 1.0 {
-                return Err(parameters.bad(name, &alpha.to_string(), "expected 1: alpha is not supported"));
-            }
-        }
+        self.refuse_alpha(parameters)?;
         if self.dialect.is_surely_v3() {
-            refuse_material_overrides(parameters)?;
+            self.refuse_material_overrides(parameters);
+        }
+        if self.state.medium.is_transition {
+            self.lack_medium();
         }
         self.check_unused(parameters, &format!("shape \"{}\"", kind.text))?;
-        let shape = PlacedShape {
-            source,
-            transform: self.static_ctm(span)?,
-            reverse_orientation: self.state.reverse_orientation,
-            material: self.state.material,
-            emission: self.emission(span),
-        };
-        if let Some(shapes) = self.objects.open_shapes() {
-            shapes.push(shape);
-            return Ok(());
+        let transform = self.static_ctm(span)?;
+        let emission = self.emission(span);
+        for source in sources {
+            let shape = PlacedShape {
+                source,
+                transform,
+                reverse_orientation: self.state.reverse_orientation,
+                material: self.state.material,
+                emission,
+            };
+            match self.objects.open_shapes() {
+                Some(shapes) => shapes.push(shape),
+                None => self.emit(&shape, None, span)?,
+            }
         }
-        self.emit(&shape, None, span)
+        Ok(())
+    }
+
+    fn refuse_alpha(&mut self, parameters: &Parameters) -> Result<()> {
+        for name in ["alpha", "shadowalpha"] {
+            let before = self.pending.len();
+            let alpha = self.float_texture(parameters, name)?.unwrap_or(1.0);
+            // Of a texture that is not supported, that was said.
+            if alpha != 1.0 && self.pending.len() == before {
+                let problem = parameters.bad(name, &alpha.to_string(), "expected 1: alpha is not supported");
+                self.pending.push(*problem.lacking("the surface is opaque"));
+            }
+        }
+        Ok(())
     }
 
     /// The emission for a shape; objects have none, as in pbrt.
@@ -163,8 +178,13 @@ impl Builder {
             Some(world_from_instance) => world_from_instance * shape.transform,
             None => shape.transform,
         };
-        if invertible(transform).is_none() {
-            return Err(Problem::at(span, "the transform of a shape cannot be inverted"));
+        if !transform.is_finite() {
+            return Err(Problem::at(span, "the transform of a shape is not finite"));
+        }
+        // Triangles need no way back. A quadric is seen from its own space: pbrt finds nothing there either.
+        if !matches!(shape.source, Source::Mesh(_)) && invertible(transform).is_none() {
+            self.drop_count(Dropped::SingularShapes, 1, Place::Span(span));
+            return Ok(());
         }
         // pbrt flips the normal by the handedness of the shape's own transform; the instance's is applied to the
         // normal as a vector. For a quadric both are told by the same flag. The winding of a mesh is looked at in
@@ -224,14 +244,16 @@ impl Builder {
         span: Span,
     ) -> Result<Option<MeshId>> {
         let positions = world_positions(source, transform, span)?;
-        let normals = world_normals(source, transform, reverse);
+        let mut normals = world_normals(source, transform, reverse);
+        // A transform that makes everything flat may leave no direction.
+        let has_direction = |t: &[u32; 3]| t.iter().any(|i| normals[*i as usize] != [0.0; 3]);
+        if !normals.is_empty() && !source.triangles.iter().all(has_direction) {
+            normals.clear();
+        }
         let triangles: Vec<[u32; 3]> =
             source.triangles.iter().copied().filter(|triangle| has_area(&positions, triangle)).collect();
         let dropped = source.triangles.len() - triangles.len();
-        if dropped > 0 {
-            self.totals.degenerate += dropped as u64;
-            self.totals.first_degenerate.get_or_insert(span);
-        }
+        self.drop_count(Dropped::DegenerateTriangles, dropped as u64, Place::Span(span));
         if triangles.is_empty() {
             return Ok(None);
         }
@@ -243,96 +265,340 @@ impl Builder {
         Ok(Some(MeshId(self.scene.meshes.len() as u32 - 1)))
     }
 
-    fn ply_mesh(&mut self, parameters: &Parameters, span: Span) -> Result<Source> {
+    fn ply_mesh(&mut self, parameters: &Parameters, span: Span) -> Result<Vec<Source>> {
         let Some(name) = parameters.string("filename")? else {
             return Err(Problem::at(span, "plymesh without a file").label("expected \"string filename\""));
         };
         let path = self.resolve(name);
         if let Some(parameter) = parameters.given("displacement") {
-            return Err(Problem::at(parameter.span, "\"displacement\" is not supported")
-                .label("expected a mesh without displacement"));
+            let problem = Problem::at(parameter.span, "\"displacement\" is not supported")
+                .label("expected a mesh without displacement")
+                .lacking("the mesh as it is");
+            self.pending.push(*problem);
         }
         parameters.accept(&["edgelength"]);
         self.inputs.push(path.clone());
         let mesh = ply::read(&path).map_err(|error| ply_problem(&path, &error, parameters))?;
+        let place = parameters.find("filename").map_or(Place::Span(span), |p| p.place(0));
+        self.drop_count(Dropped::Faces, mesh.skipped, place.clone());
+        self.drop_count(Dropped::Polygons, mesh.polygons, place.clone());
         if mesh.triangles.is_empty() {
             self.warn(Problem::at(span, "the mesh has no faces").label("nothing of it is seen"));
         }
-        if mesh.quads > 0 {
-            self.refuse_power(span)?;
-        }
-        Ok(Source::Mesh(Rc::new(SourceMesh {
+        let mut source = SourceMesh {
             positions: mesh.positions,
             normals: mesh.normals,
             uvs: mesh.uvs,
             triangles: mesh.triangles,
-        })))
+        };
+        if !mesh.quads.is_empty() {
+            self.refuse_power(span);
+        }
+        let corners = |first: &u32| {
+            let ([a, b, c], [_, _, d]) =
+                (source.triangles[*first as usize], source.triangles[*first as usize + 1]);
+            [a, b, d, c]
+        };
+        let bent: Vec<u32> =
+            mesh.quads.iter().copied().filter(|first| !source.is_flat(corners(first))).collect();
+        let patches: Vec<[u32; 4]> = bent.iter().map(corners).collect();
+        self.clean(&mut source, &place);
+        // pbrt-v3 cuts quads in two.
+        if bent.is_empty() || self.dialect.is_v3() {
+            return Ok(vec![Source::Mesh(Rc::new(source))]);
+        }
+        let patches = self.patches(&source, &patches, span)?;
+        let mut bent = bent.into_iter().peekable();
+        let mut number = 0u32;
+        let mut left = 0;
+        source.triangles.retain(|_| {
+            if bent.peek() == Some(&number) {
+                bent.next();
+                left = 2;
+            }
+            number += 1;
+            let keep = left == 0;
+            left -= u32::from(!keep);
+            keep
+        });
+        Ok(vec![Source::Mesh(Rc::new(source)), patches])
     }
 
-    fn bilinear_mesh(&mut self, parameters: &Parameters, span: Span) -> Result<Source> {
+    fn bilinear_mesh(&mut self, parameters: &Parameters, span: Span) -> Result<Vec<Source>> {
         if let Some(parameter) = parameters.given("emissionfilename") {
-            return Err(Problem::at(parameter.span, "\"emissionfilename\" is not supported"));
+            let problem = Problem::at(parameter.span, "\"emissionfilename\" is not supported")
+                .lacking("it shines with \"L\"");
+            self.pending.push(*problem);
         }
-        let positions = points(parameters, span)?;
-        let patches: Vec<[u32; 4]> = indices(parameters, positions.len(), span)?;
-        let mut triangles = Vec::with_capacity(patches.len() * 2);
-        for (i, patch) in patches.iter().enumerate() {
-            // Order in the file: 00, 10, 01, 11.
-            let [a, b, c, d] = patch.map(|index| DVec3::from_array(positions[index as usize]));
-            if !is_plane_and_convex([a, b, d, c]) {
-                let place = parameters.find("indices").map_or(Place::Span(span), |p| p.place(4 * i));
-                return Err(Problem::new(place, format!("patch {i} is not plane and convex"))
-                    .label("expected plane patches: curved bilinear patches are not supported"));
-            }
-            let [a, b, c, d] = *patch;
-            triangles.extend([[a, b, d], [a, d, c]]);
-        }
-        self.refuse_power(span)?;
-        let normals = vectors(parameters, "N", &[ParameterType::Normal3], positions.len())?;
-        if !normals.is_empty() {
+        let Some(mut source) = self.vertices(parameters, span)? else {
+            return Ok(Vec::new());
+        };
+        let patches: Vec<[u32; 4]> = self.indices(parameters, source.positions.len(), span)?;
+        let flat: Vec<[u32; 4]> = patches.iter().copied().filter(|patch| source.is_flat(*patch)).collect();
+        let bent: Vec<[u32; 4]> = patches.into_iter().filter(|patch| !source.is_flat(*patch)).collect();
+        // Order in the file: 00, 10, 01, 11.
+        source.triangles.extend(flat.iter().flat_map(|&[a, b, c, d]| [[a, b, d], [a, d, c]]));
+        self.refuse_power(span);
+        let place = parameters.find("P").map_or(Place::Span(span), |p| Place::Span(p.span));
+        source.check_used(bent.iter().flatten(), parameters)?;
+        self.clean(&mut source, &place);
+        source.check_used(source.triangles.iter().flatten(), parameters)?;
+        if !source.normals.is_empty() && !flat.is_empty() {
             self.warn(
                 Problem::at(span, "the patches are rendered as triangles")
                     .label("normals are interpolated over triangles, which differs slightly"),
             );
         }
-        let uvs = uvs(parameters, positions.len())?;
-        Ok(Source::Mesh(Rc::new(SourceMesh { positions, normals, uvs, triangles })))
+        let mut sources = Vec::new();
+        if !bent.is_empty() {
+            sources.push(self.patches(&source, &bent, span)?);
+        }
+        if !flat.is_empty() {
+            sources.insert(0, Source::Mesh(Rc::new(source)));
+        }
+        Ok(sources)
+    }
+
+    /// A mesh in place of patches that are not plane, with their normals. Corners in the order 00, 10, 01, 11.
+    fn patches(&mut self, source: &SourceMesh, patches: &[[u32; 4]], span: Span) -> Result<Source> {
+        let mut mesh = SourceMesh::default();
+        let mut folded = 0;
+        for patch in patches {
+            let p = patch.map(|i| source.positions[i as usize]);
+            let points = p.map(DVec3::from_array);
+            let n = polygon::pieces(points);
+            let at = |u: f64, v: f64| polygon::patch_normal(points, u, v);
+            // A fold: the normal at a corner is opposed to that in the middle.
+            let middle = at(0.5, 0.5);
+            let corners = [at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)];
+            folded += u64::from(corners.iter().any(|normal| normal.dot(middle) < 0.0));
+            let given = patch.map(|i| source.normals.get(i as usize).copied().unwrap_or_default());
+            let is_given = given.iter().all(|normal| *normal != [0.0; 3]);
+            let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
+            self.totals.check(
+                triangles + 2 * (n * n) as usize,
+                vertices + ((n + 1) * (n + 1)) as usize,
+                span,
+            )?;
+            let first = vertices as u32;
+            for j in 0..=n {
+                for i in 0..=n {
+                    let (u, v) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
+                    mesh.positions.push(polygon::bilinear(p, u, v));
+                    let own = at(u, v).normalize_or_zero();
+                    mesh.normals.push(match is_given {
+                        true => polygon::bilinear(given, u, v),
+                        // At a corner without area that of the middle.
+                        false if own == DVec3::ZERO => middle.normalize_or_zero().to_array(),
+                        false => own.to_array(),
+                    });
+                    if !source.uvs.is_empty() {
+                        mesh.uvs.push(polygon::bilinear(patch.map(|i| source.uvs[i as usize]), u, v));
+                    }
+                }
+            }
+            for j in 0..n {
+                for i in 0..n {
+                    let corner = first + j * (n + 1) + i;
+                    let [p00, p10, p01, p11] = [corner, corner + 1, corner + n + 1, corner + n + 2];
+                    mesh.triangles.extend([[p00, p10, p11], [p00, p11, p01]]);
+                }
+            }
+        }
+        self.drop_count(Dropped::FoldedQuads, folded, Place::Span(span));
+        Ok(Source::Mesh(Rc::new(mesh)))
     }
 
     /// pbrt gives `power` to each patch; here each of the patch's triangles is a light.
-    fn refuse_power(&self, span: Span) -> Result<()> {
+    fn refuse_power(&mut self, span: Span) {
         if self.state.area_light.as_ref().is_none_or(|light| light.emission.power.is_none()) {
-            return Ok(());
+            return;
         }
-        Err(Problem::at(span, "an area light with \"power\" on quads is not supported")
-            .label("each quad would be one light; expected triangles"))
+        let problem = Problem::at(span, "an area light with \"power\" on quads is not supported")
+            .label("each quad would be one light; expected triangles")
+            .lacking("each triangle has that power");
+        self.pending.push(*problem);
+    }
+
+    fn triangle_mesh(&mut self, parameters: &Parameters, span: Span) -> Result<Vec<Source>> {
+        // Tangents matter to anisotropic materials and hair, faces to Ptex.
+        parameters.accept(&["S", "faceIndices"]);
+        let Some(mut source) = self.vertices(parameters, span)? else {
+            return Ok(Vec::new());
+        };
+        source.triangles = self.indices(parameters, source.positions.len(), span)?;
+        let place = parameters.find("P").map_or(Place::Span(span), |p| Place::Span(p.span));
+        source.check_used(source.triangles.iter().flatten(), parameters)?;
+        self.clean(&mut source, &place);
+        Ok(vec![Source::Mesh(Rc::new(source))])
+    }
+
+    /// Vertices with their normals and texture coordinates; `None` without any.
+    fn vertices(&mut self, parameters: &Parameters, span: Span) -> Result<Option<SourceMesh>> {
+        let Some(positions) = parameters.array("P", &[ParameterType::Point3])? else {
+            parameters.accept(&["N", "uv", "st", "indices"]);
+            self.mistake(Problem::at(span, "a mesh without vertices").label("expected \"point3 P\""))?;
+            return Ok(None);
+        };
+        let mut source = SourceMesh { positions: groups(positions.numbers()), ..SourceMesh::default() };
+        let vertices = source.positions.len();
+        if let Some(parameter) = parameters.array("N", &[ParameterType::Normal3])? {
+            source.normals = groups(parameter.numbers());
+            if source.normals.len() != vertices {
+                source.normals.clear();
+                self.drop_count(Dropped::NormalArrays, 1, Place::Span(parameter.span));
+            }
+        }
+        // Texture coordinates: `point2 uv`, v3 also `float uv` and `st`.
+        let types = [ParameterType::Point2, ParameterType::Float, ParameterType::Vector2];
+        for name in ["uv", "st"] {
+            let Some(parameter) = parameters.array(name, &types)? else {
+                continue;
+            };
+            source.uvs = groups(parameter.numbers());
+            if source.uvs.len() > vertices && self.dialect.is_v3() {
+                source.uvs.truncate(vertices);
+                self.drop_count(Dropped::UvArrays, 1, Place::Span(parameter.span));
+            } else if source.uvs.len() != vertices || !parameter.numbers().len().is_multiple_of(2) {
+                source.uvs.clear();
+                self.drop_count(Dropped::UvArrays, 1, Place::Span(parameter.span));
+            }
+            break;
+        }
+        parameters.accept(&["uv", "st"]);
+        Ok(Some(source))
+    }
+
+    /// Indices in groups of `N`; none are needed for exactly one group of vertices.
+    fn indices<const N: usize>(
+        &mut self,
+        parameters: &Parameters,
+        vertices: usize,
+        span: Span,
+    ) -> Result<Vec<[u32; N]>> {
+        let Some(values) = parameters.integers("indices")? else {
+            if vertices == N {
+                return Ok(vec![std::array::from_fn(|i| i as u32)]);
+            }
+            let problem = Problem::at(span, format!("a mesh of {vertices} vertices without indices"))
+                .label(format!("expected \"integer indices\" (or exactly {N} vertices)"));
+            self.mistake(problem)?;
+            return Ok(Vec::new());
+        };
+        let place = |i: usize| parameters.find("indices").map_or(Place::Nowhere, |p| p.place(i));
+        let left_over = values.len() % N;
+        self.drop_count(Dropped::Indices, left_over as u64, place(values.len() - left_over));
+        let out_of_range = |value: &i32| usize::try_from(*value).map_or(true, |v| v >= vertices);
+        if let Some(i) = values.iter().position(out_of_range) {
+            let problem = Problem::new(place(i), format!("index {} is out of range", values[i])).label(
+                format!("expected 0 to {}: there are {vertices} vertices", vertices.saturating_sub(1)),
+            );
+            self.mistake(problem)?;
+            // pbrt-v3 leaves out the mesh.
+            return Ok(Vec::new());
+        }
+        Ok(values.as_chunks::<N>().0.iter().map(|group| group.map(|value| value as u32)).collect())
+    }
+
+    /// Takes out what is no number, as far as the mesh can do without: normals (a face with such a corner is shaded flat,
+    /// as is one whose normals are all 0), texture coordinates, and vertices that no face uses.
+    fn clean(&mut self, mesh: &mut SourceMesh, place: &Place) {
+        let mut bad_uvs = 0;
+        for uv in mesh.uvs.iter_mut().filter(|uv| !uv.iter().all(|c| (*c as f32).is_finite())) {
+            *uv = [0.0; 2];
+            bad_uvs += 1;
+        }
+        self.drop_count(Dropped::UvValues, bad_uvs, place.clone());
+        for p in mesh.positions.iter_mut().filter(|p| !p.iter().all(|c| c.is_finite())) {
+            *p = [0.0; 3];
+        }
+        let bad_normals = mesh.flatten_faces_without_normals();
+        self.drop_count(Dropped::Normals, bad_normals, place.clone());
+    }
+
+    /// In v3 a shape's parameters override those of its material: ignoring them would change the picture.
+    fn refuse_material_overrides(&mut self, parameters: &Parameters) {
+        const NAMES: [&str; 14] = [
+            "Kd",
+            "Ks",
+            "Kr",
+            "Kt",
+            "sigma",
+            "roughness",
+            "uroughness",
+            "vroughness",
+            "eta",
+            "k",
+            "index",
+            "opacity",
+            "bumpmap",
+            "remaproughness",
+        ];
+        for parameter in NAMES.iter().filter_map(|name| parameters.given(name)) {
+            let problem = Problem::at(parameter.span, "material parameters on a shape are not supported")
+                .label("expected in the Material")
+                .lacking("the material as it is");
+            self.pending.push(*problem);
+        }
     }
 }
 
-/// In v3 a shape's parameters override those of its material: ignoring them would change the picture.
-fn refuse_material_overrides(parameters: &Parameters) -> Result<()> {
-    const NAMES: [&str; 14] = [
-        "Kd",
-        "Ks",
-        "Kr",
-        "Kt",
-        "sigma",
-        "roughness",
-        "uroughness",
-        "vroughness",
-        "eta",
-        "k",
-        "index",
-        "opacity",
-        "bumpmap",
-        "remaproughness",
-    ];
-    match NAMES.iter().find_map(|name| parameters.given(name)) {
-        None => Ok(()),
-        Some(parameter) => {
-            Err(Problem::at(parameter.span, "material parameters on a shape are not supported")
-                .label("expected in the Material"))
+impl SourceMesh {
+    /// Whether a patch can be rendered as two triangles. Corners in the order 00, 10, 01, 11.
+    fn is_flat(&self, patch: [u32; 4]) -> bool {
+        let [a, b, c, d] = patch.map(|index| DVec3::from_array(self.positions[index as usize]));
+        polygon::is_plane_and_convex([a, b, d, c])
+    }
+
+    /// Complains about a vertex that is no number and that a face uses.
+    fn check_used<'a>(&self, used: impl Iterator<Item = &'a u32>, parameters: &Parameters) -> Result<()> {
+        for index in used {
+            let position = self.positions[*index as usize];
+            if let Some(i) = position.iter().position(|c| !c.is_finite()) {
+                let at = 3 * *index as usize + i;
+                let place = parameters.find("P").map_or(Place::Nowhere, |p| p.place(at));
+                return Err(Problem::new(place, format!("vertex {index} is not finite, and a face uses it"))
+                    .label("expected a finite number"));
+            }
         }
+        Ok(())
+    }
+
+    /// Gives faces of which a normal is no number, or all are 0, vertices of their own with the face's normal, as pbrt
+    /// shades them. Returns how many normals were no numbers.
+    fn flatten_faces_without_normals(&mut self) -> u64 {
+        if self.normals.is_empty() {
+            return 0;
+        }
+        let is_number = |n: &[f64; 3]| n.iter().all(|c| c.is_finite());
+        let bad = self.normals.iter().filter(|n| !is_number(n)).count() as u64;
+        let has_normals = |t: &[u32; 3]| {
+            let normals = t.map(|i| self.normals[i as usize]);
+            normals.iter().all(is_number) && normals != [[0.0; 3]; 3]
+        };
+        let flat: Vec<usize> =
+            (0..self.triangles.len()).filter(|i| !has_normals(&self.triangles[*i])).collect();
+        if flat.len() == self.triangles.len() {
+            self.normals.clear();
+            return bad;
+        }
+        for i in flat {
+            let corners = self.triangles[i];
+            let [a, b, c] = corners.map(|i| DVec3::from_array(self.positions[i as usize]));
+            let normal = (b - a).cross(c - a).normalize_or_zero().to_array();
+            self.triangles[i] = corners.map(|corner| {
+                self.positions.push(self.positions[corner as usize]);
+                self.normals.push(normal);
+                if !self.uvs.is_empty() {
+                    self.uvs.push(self.uvs[corner as usize]);
+                }
+                self.positions.len() as u32 - 1
+            });
+        }
+        for n in self.normals.iter_mut().filter(|n| !is_number(n)) {
+            *n = [0.0; 3];
+        }
+        bad
     }
 }
 
@@ -408,113 +674,22 @@ fn phi_max(parameters: &Parameters) -> Result<f64> {
     Ok(parameters.positive_or("phimax", 360.0)?.min(360.0))
 }
 
-fn triangle_mesh(parameters: &Parameters, span: Span) -> Result<Source> {
-    let positions = points(parameters, span)?;
-    let triangles: Vec<[u32; 3]> = indices(parameters, positions.len(), span)?;
-    let normals = vectors(parameters, "N", &[ParameterType::Normal3], positions.len())?;
-    let uvs = uvs(parameters, positions.len())?;
-    // Tangents matter to anisotropic materials and hair, faces to Ptex.
-    parameters.accept(&["S", "faceIndices"]);
-    Ok(Source::Mesh(Rc::new(SourceMesh { positions, normals, uvs, triangles })))
-}
-
-fn points(parameters: &Parameters, span: Span) -> Result<Vec<[f64; 3]>> {
-    match parameters.typed("P", &[ParameterType::Point3])? {
-        Some(parameter) => Ok(groups(parameter.numbers())),
-        None => Err(Problem::at(span, "a mesh without vertices").label("expected \"point3 P\"")),
-    }
-}
-
 fn groups<const N: usize>(numbers: &[f64]) -> Vec<[f64; N]> {
     numbers.as_chunks::<N>().0.to_vec()
 }
 
-/// Indices in groups of `N`; none are needed for exactly one group of vertices.
-fn indices<const N: usize>(parameters: &Parameters, vertices: usize, span: Span) -> Result<Vec<[u32; N]>> {
-    let Some(values) = parameters.integers("indices")? else {
-        if vertices == N {
-            return Ok(vec![std::array::from_fn(|i| i as u32)]);
-        }
-        return Err(Problem::at(span, format!("a mesh of {vertices} vertices without indices"))
-            .label(format!("expected \"integer indices\" (or exactly {N} vertices)")));
-    };
-    let place = |i: usize| parameters.find("indices").map_or(Place::Nowhere, |p| p.place(i));
-    if !values.len().is_multiple_of(N) {
-        return Err(Problem::new(
-            place(values.len() - values.len() % N),
-            format!("{} indices", values.len()),
-        )
-        .label(format!("expected a multiple of {N}; the indices from here on are left over")));
-    }
-    if let Some(i) = values.iter().position(|&value| usize::try_from(value).map_or(true, |v| v >= vertices)) {
-        return Err(Problem::new(place(i), format!("index {} is out of range", values[i]))
-            .label(format!("expected 0 to {}: there are {vertices} vertices", vertices.saturating_sub(1))));
-    }
-    Ok(values.as_chunks::<N>().0.iter().map(|group| group.map(|value| value as u32)).collect())
-}
-
-fn one_per_vertex(parameter: &Parameter, count: usize, vertices: usize) -> Result<()> {
-    if count == vertices {
-        return Ok(());
-    }
-    Err(Problem::at(parameter.span, format!("\"{}\" has {count} values", shorten(&parameter.name)))
-        .label(format!("expected one for each of {vertices} vertices")))
-}
-
-fn vectors(
-    parameters: &Parameters,
-    name: &'static str,
-    types: &[ParameterType],
-    vertices: usize,
-) -> Result<Vec<[f64; 3]>> {
-    let Some(parameter) = parameters.typed(name, types)? else {
-        return Ok(Vec::new());
-    };
-    let values = groups(parameter.numbers());
-    one_per_vertex(parameter, values.len(), vertices)?;
-    Ok(values)
-}
-
-/// Texture coordinates: `point2 uv`, v3 also `float uv` and `st`.
-fn uvs(parameters: &Parameters, vertices: usize) -> Result<Vec<[f64; 2]>> {
-    let types = [ParameterType::Point2, ParameterType::Float, ParameterType::Vector2];
-    for name in ["uv", "st"] {
-        let Some(parameter) = parameters.typed(name, &types)? else {
-            continue;
-        };
-        let values = groups(parameter.numbers());
-        if !parameter.numbers().len().is_multiple_of(2) {
-            return Err(parameter
-                .problem("an odd number of texture coordinates")
-                .label("expected two for each vertex"));
-        }
-        one_per_vertex(parameter, values.len(), vertices)?;
-        return Ok(values);
-    }
-    Ok(Vec::new())
-}
-
-/// Whether four corners, in order around, are a plane convex quadrilateral.
-fn is_plane_and_convex(corners: [DVec3; 4]) -> bool {
-    let edge = |i: usize| corners[(i + 1) % 4] - corners[i];
-    let size = (0..4).map(|i| edge(i).length()).fold(0.0, f64::max);
-    // Twice the area, with the direction of the plane's normal.
-    let normal = (corners[2] - corners[0]).cross(corners[3] - corners[1]);
-    let Some(unit) = normal.try_normalize() else {
-        return false;
-    };
-    let plane = (1..4).all(|i| (corners[i] - corners[0]).dot(unit).abs() <= PLANAR * size);
-    let convex = (0..4).all(|i| edge(i).cross(edge((i + 1) % 4)).dot(unit) >= -PLANAR * size * size);
-    plane && convex
-}
-
 fn world_positions(source: &SourceMesh, transform: &DAffine3, span: Span) -> Result<Vec<[f32; 3]>> {
     let to_world = |p: &[f64; 3]| transform.transform_point3(DVec3::from_array(*p)).as_vec3();
-    let positions: Vec<[f32; 3]> = source.positions.iter().map(|p| to_world(p).to_array()).collect();
-    match positions.iter().flatten().all(|c| c.is_finite()) {
-        true => Ok(positions),
-        false => Err(Problem::at(span, "a vertex is too far away").label("expected coordinates below 3e38")),
+    let mut positions: Vec<[f32; 3]> = source.positions.iter().map(|p| to_world(p).to_array()).collect();
+    let is_finite = |p: &[f32; 3]| p.iter().all(|c| c.is_finite());
+    if positions.iter().all(is_finite) {
+        return Ok(positions);
     }
+    if source.triangles.iter().flatten().any(|i| !is_finite(&positions[*i as usize])) {
+        return Err(Problem::at(span, "a vertex is too far away").label("expected coordinates below 3e38"));
+    }
+    positions.iter_mut().filter(|p| !is_finite(p)).for_each(|p| *p = [0.0; 3]);
+    Ok(positions)
 }
 
 /// Normals turn by the inverse's transpose, and around with `ReverseOrientation`. One without a direction stays 0.
@@ -551,20 +726,5 @@ mod tests {
         let error = totals.add(100_000, 1000, span).unwrap_err();
         assert!(error.message.contains("GiB"), "{}", error.message);
         assert!(totals.add(usize::MAX, usize::MAX, span).is_err());
-    }
-
-    #[test]
-    fn plane_quads_are_told_from_others() {
-        let quad = |points: [[f64; 3]; 4]| is_plane_and_convex(points.map(DVec3::from_array));
-        let square = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
-        assert!(quad(square));
-        assert!(quad(square.map(|p| p.map(|c| c * 1e-20))));
-        let mut bent = square;
-        bent[2][2] = 0.1;
-        assert!(!quad(bent));
-        let mut dented = square;
-        dented[2] = [0.2, 0.2, 0.0];
-        assert!(!quad(dented));
-        assert!(!quad([square[0], square[2], square[1], square[3]]));
     }
 }

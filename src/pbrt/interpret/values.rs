@@ -2,6 +2,7 @@
 //! replaced by their value here.
 
 use std::collections::HashMap;
+use std::rc::Rc;
 
 use crate::pbrt::error::{Place, Problem, Result, Span};
 use crate::pbrt::lexer::{parse_number, shorten};
@@ -33,15 +34,19 @@ const OTHER_CLASSES: [&str; 13] = [
     "bumpmap",
 ];
 
-/// A texture: its value, or why it has none.
+/// Why a texture has no value of its own: what is not supported, and where it is defined.
 #[derive(Clone, Debug)]
-pub(super) enum Texture<T> {
-    Constant(T),
-    /// An error where it is used: scenes define textures that nothing uses.
-    Unsupported {
-        class: String,
-        span: Span,
-    },
+pub(super) struct Lack {
+    message: String,
+    place: Place,
+}
+
+/// A texture: its value, or what is rendered instead.
+#[derive(Clone, Debug)]
+pub(super) struct Texture<T> {
+    value: T,
+    /// Matters where the texture is used: scenes define textures that nothing uses.
+    lacks: Rc<[Lack]>,
 }
 
 /// The textures by name; numbers and colours have separate names, as in pbrt.
@@ -51,36 +56,54 @@ pub(super) struct Textures {
     spectrum: HashMap<String, Texture<Rgb64>>,
 }
 
-fn look_up<T: Copy>(map: &HashMap<String, Texture<T>>, parameter: &Parameter, kind: &str) -> Result<T> {
-    parameter.single()?;
+/// What textures that are not supported are rendered as.
+const STAND_IN: f64 = 0.5;
+
+fn unknown_texture<T>(map: &HashMap<String, Texture<T>>, parameter: &Parameter, kind: &str) -> Box<Problem> {
     let text = &parameter.strings()[0];
-    match map.get(text) {
-        Some(Texture::Constant(value)) => Ok(*value),
-        Some(Texture::Unsupported { class, span }) => Err(parameter
-            .problem(format!("textures of class \"{}\" are not supported", shorten(class)))
-            .label("expected a constant texture or a value")
-            .note(Place::Span(*span), "the texture is defined here")),
-        None => {
-            let known: Vec<&str> = map.keys().map(String::as_str).collect();
-            Err(parameter
-                .problem(format!("unknown {kind} texture \"{}\"", shorten(text)))
-                .label(format!("expected one that is defined before{}", did_you_mean(text, &known))))
-        }
-    }
+    let known: Vec<&str> = map.keys().map(String::as_str).collect();
+    parameter
+        .problem(format!("unknown {kind} texture \"{}\"", shorten(text)))
+        .label(format!("expected one that is defined before{}", did_you_mean(text, &known)))
 }
 
 impl Builder {
+    /// Notes what a texture lacks, at the parameter that uses it.
+    fn note_lacks(&mut self, parameter: &Parameter, lacks: &[Lack]) {
+        for lack in lacks {
+            let problem = parameter
+                .problem(&lack.message)
+                .label("expected a constant texture or a value")
+                .note(lack.place.clone(), "the texture is defined here")
+                .lacking("the texture is taken for the constant 0.5");
+            self.pending.push(*problem);
+        }
+    }
+
     /// A number that may be a texture.
-    pub(super) fn float_texture(&self, parameters: &Parameters, name: &'static str) -> Result<Option<f64>> {
+    pub(super) fn float_texture(
+        &mut self,
+        parameters: &Parameters,
+        name: &'static str,
+    ) -> Result<Option<f64>> {
         let types = [ParameterType::Float, ParameterType::Texture];
         let Some(parameter) = parameters.typed(name, &types)? else {
             return Ok(None);
         };
-        if parameter.ty == ParameterType::Texture {
-            return look_up(&self.textures.float, parameter, "float").map(Some);
-        }
         parameter.single()?;
-        Ok(Some(parameter.numbers()[0]))
+        if parameter.ty != ParameterType::Texture {
+            return Ok(Some(parameter.numbers()[0]));
+        }
+        match self.textures.float.get(&parameter.strings()[0]).cloned() {
+            Some(texture) => {
+                self.note_lacks(parameter, &texture.lacks);
+                Ok(Some(texture.value))
+            }
+            None => {
+                self.mistake(unknown_texture(&self.textures.float, parameter, "float"))?;
+                Ok(None)
+            }
+        }
     }
 
     /// Colour of a surface's property.
@@ -94,14 +117,25 @@ impl Builder {
             return Ok(None);
         };
         let value = match parameter.ty {
-            Texture => look_up(&self.textures.spectrum, parameter, "spectrum")?,
-            Spectrum => match self.spectrum(parameter)? {
-                SpectrumValue::Named(Named::Metal(rgb)) => rgb,
-                SpectrumValue::Named(Named::Glass(eta)) => [eta; 3],
-                SpectrumValue::Named(Named::WhiteLight) => {
-                    return Err(parameter.problem("the spectrum of a light for a surface"));
+            Texture => {
+                parameter.single()?;
+                match self.textures.spectrum.get(&parameter.strings()[0]).cloned() {
+                    Some(texture) => {
+                        self.note_lacks(parameter, &texture.lacks);
+                        texture.value
+                    }
+                    None => {
+                        self.mistake(unknown_texture(&self.textures.spectrum, parameter, "spectrum"))?;
+                        return Ok(None);
+                    }
                 }
-                SpectrumValue::Sampled(sampled) => sampled.surface_rgb(),
+            }
+            Spectrum => match self.spectrum(parameter)? {
+                SpectrumValue::Named(named) => match named.surface_rgb(self.dialect.is_v3()) {
+                    Some(rgb) => rgb,
+                    None => return Err(parameter.problem("the spectrum of a light for a surface")),
+                },
+                SpectrumValue::Sampled(sampled) => sampled.surface_rgb(self.dialect.is_v3()),
             },
             _ => three(parameter)?,
         };
@@ -182,14 +216,20 @@ impl Builder {
             let known = |prefix: &&str| name.starts_with(*prefix);
             if spectra::UNSUPPORTED_PREFIXES.iter().any(known) {
                 let text = format!("spectrum \"{}\" is not supported", shorten(name));
-                return Err(parameter.problem(text).label("expected numbers instead"));
+                return Err(parameter
+                    .problem(text)
+                    .label("expected numbers instead")
+                    .lacking("the defaults of what names it"));
             }
             let names = spectra::NAMED.map(|(name, _)| name);
-            return Err(parameter.problem(format!("unknown spectrum \"{}\"", shorten(name))).label(format!(
-                "expected a file or one of {}{}",
-                names.join(", "),
-                did_you_mean(name, &names)
-            )));
+            return Err(parameter
+                .problem(format!("unknown spectrum \"{}\"", shorten(name)))
+                .label(format!(
+                    "expected a file or one of {}{}",
+                    names.join(", "),
+                    did_you_mean(name, &names)
+                ))
+                .note(Place::Nowhere, format!("looked for the file {}", path.display())));
         }
         self.inputs.push(path.clone());
         let numbers = read_spectrum_file(&path)
@@ -211,8 +251,9 @@ impl Builder {
         name: Name,
         value_type: &Name,
         class: Name,
-        parameters: Parameters,
+        mut parameters: Parameters,
     ) -> Result<()> {
+        self.check_arrays(&mut parameters)?;
         let parameters = parameters.with_defaults(&self.state.defaults.texture);
         let is_float = match value_type.text.as_str() {
             "float" => true,
@@ -226,26 +267,34 @@ impl Builder {
             }
         };
         self.check_redefinition(&name, is_float)?;
-        if OTHER_CLASSES.contains(&class.text.as_str()) {
-            let (text, span) = (class.text, name.span);
-            if is_float {
-                self.textures.float.insert(name.text, Texture::Unsupported { class: text, span });
-            } else {
-                self.textures.spectrum.insert(name.text, Texture::Unsupported { class: text, span });
-            }
-            return Ok(());
+        let is_supported = !OTHER_CLASSES.contains(&class.text.as_str());
+        let mut lacks = Vec::new();
+        if !is_supported {
+            let message = format!("textures of class \"{}\" are not supported", class.text);
+            lacks.push(Lack { message, place: Place::Span(name.span) });
         }
-        let what = format!("texture \"{}\"", shorten(&class.text));
         if is_float {
-            let value = self.float_class(&class, &parameters);
-            let value = as_texture(value, &class, name.span)?;
-            self.textures.float.insert(name.text, value);
+            let value = if is_supported { self.float_class(&class, &parameters)? } else { STAND_IN };
+            lacks.extend(self.take_texture_lacks(name.span));
+            self.textures.float.insert(name.text, Texture { value, lacks: lacks.into() });
         } else {
-            let value = self.spectrum_class(&class, &parameters);
-            let value = as_texture(value, &class, name.span)?;
-            self.textures.spectrum.insert(name.text, value);
+            let value = if is_supported { self.spectrum_class(&class, &parameters)? } else { [STAND_IN; 3] };
+            lacks.extend(self.take_texture_lacks(name.span));
+            self.textures.spectrum.insert(name.text, Texture { value, lacks: lacks.into() });
         }
-        self.check_unused(&parameters, &what)
+        match is_supported {
+            true => self.check_unused(&parameters, &format!("texture \"{}\"", shorten(&class.text))),
+            false => Ok(()),
+        }
+    }
+
+    /// What the textures lack of which the present one is made.
+    fn take_texture_lacks(&mut self, defined: Span) -> Vec<Lack> {
+        let lack = |problem: Problem| {
+            let root = problem.notes.into_iter().next().map(|(place, _)| place);
+            Lack { message: problem.message, place: root.unwrap_or(Place::Span(defined)) }
+        };
+        std::mem::take(&mut self.pending).into_iter().map(lack).collect()
     }
 
     /// An error in v4; in v3 the new texture takes the name.
@@ -314,36 +363,26 @@ impl Builder {
     }
 
     /// Bump and normal maps change the picture; only a height that is constant does nothing.
-    pub(super) fn refuse_bumps(&self, parameters: &Parameters) -> Result<()> {
+    pub(super) fn refuse_bumps(&mut self, parameters: &Parameters) {
+        const INSTEAD: &str = "the surface is smooth";
         for name in ["displacement", "bumpmap"] {
             let Some(parameter) = parameters.given(name) else {
                 continue;
             };
-            let is_constant = parameter.ty == ParameterType::Texture
-                && look_up(&self.textures.float, parameter, "float").is_ok();
-            if !is_constant {
-                let text = format!("\"{name}\" is not supported");
-                return Err(Problem::at(parameter.span, text).label("expected a surface without bumps"));
+            let texture = parameter.strings().first().and_then(|text| self.textures.float.get(text));
+            if texture.is_none_or(|texture| !texture.lacks.is_empty()) {
+                let problem = Problem::at(parameter.span, format!("\"{name}\" is not supported"))
+                    .label("expected a surface without bumps")
+                    .lacking(INSTEAD);
+                self.pending.push(*problem);
             }
         }
-        match parameters.given("normalmap") {
-            Some(parameter) if parameter.strings() != [""] => {
-                Err(Problem::at(parameter.span, "\"normalmap\" is not supported")
-                    .label("expected a surface without a normal map"))
-            }
-            _ => Ok(()),
+        if let Some(parameter) = parameters.given("normalmap").filter(|p| p.strings() != [""]) {
+            let problem = Problem::at(parameter.span, "\"normalmap\" is not supported")
+                .label("expected a surface without a normal map")
+                .lacking(INSTEAD);
+            self.pending.push(*problem);
         }
-    }
-}
-
-/// A texture made of unsupported ones is unsupported itself, and no error until it is used.
-fn as_texture<T>(value: Result<T>, class: &Name, span: Span) -> Result<Texture<T>> {
-    match value {
-        Ok(value) => Ok(Texture::Constant(value)),
-        Err(problem) if problem.message.ends_with("are not supported") => {
-            Ok(Texture::Unsupported { class: class.text.clone(), span })
-        }
-        Err(problem) => Err(problem),
     }
 }
 
@@ -369,6 +408,14 @@ pub(super) enum SpectrumValue {
     Sampled(Sampled),
 }
 
+/// Lines that end with a line feed, a carriage return, or both.
+fn lines(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let ends_with_return = |line: &[u8]| line.last() == Some(&b'\r');
+    bytes
+        .split(|&b| b == b'\n')
+        .flat_map(move |line| line[..line.len() - usize::from(ends_with_return(line))].split(|&b| b == b'\r'))
+}
+
 /// The numbers of a `.spd` file: wavelength and value alternating, `#` comments.
 fn read_spectrum_file(path: &std::path::Path) -> std::result::Result<Vec<f64>, (String, String)> {
     use std::io::Read;
@@ -377,7 +424,7 @@ fn read_spectrum_file(path: &std::path::Path) -> std::result::Result<Vec<f64>, (
         .and_then(|reader| reader.take(MAX_SPECTRUM_FILE).read_to_end(&mut bytes))
         .map_err(|error| (String::new(), format!("cannot read the file: {error}")))?;
     let mut numbers = Vec::new();
-    for (i, line) in bytes.split(|&b| b == b'\n').enumerate() {
+    for (i, line) in lines(&bytes).enumerate() {
         let line = line.split(|&b| b == b'#').next().unwrap_or(&[]);
         for word in line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()) {
             match parse_number(word) {

@@ -1,6 +1,6 @@
 //! The light table: kinds, rows, the choice among lights.
 
-use super::{COMMON, Common, Light, LightKind, LightRow, PROBABILITY, STRIDE, kind};
+use super::{COMMON, Common, LONGEST, Light, LightKind, LightRow, PROBABILITY, kind};
 use crate::lanes::{Real, Uint};
 use crate::scene::error::{BuildError, finite, not_negative};
 use crate::scene::rows::Row;
@@ -45,8 +45,11 @@ impl LightList {
 pub struct LightTable {
     /// One of [`kind`] a light.
     kinds: Vec<u32>,
-    /// [`STRIDE`] numbers a light: [`Common`], then the row of its kind.
+    /// `stride` numbers a light: [`Common`], then the row of its kind. Behind them [`LONGEST`] zeros, so that columns of
+    /// kinds that do not occur can be read.
     rows: Vec<f32>,
+    /// As many as the longest row needs that occurs.
+    stride: usize,
     /// Row of the material of each light's surface.
     materials: Vec<u32>,
     /// Alias table (Walker 1977, Vose 1991), see [`LightTable::choose`]: entry `i` takes light `i` itself below this
@@ -71,15 +74,18 @@ impl LightTable {
         if n > Self::MAX {
             return Err(BuildError::TooMany { what: "lights", found: n, limit: Self::MAX });
         }
+        let longest = list.lights.iter().map(|(_, light)| light.numbers().len()).max().unwrap_or(0);
+        let stride = COMMON + longest;
         let mut table = LightTable {
             kinds: Vec::with_capacity(n),
-            rows: vec![0.0; n * STRIDE],
+            rows: vec![0.0; n * stride + LONGEST],
+            stride,
             materials: Vec::with_capacity(n),
             ..LightTable::default()
         };
         let mut powers = Vec::with_capacity(n);
         for (id, ((emitter, light), row)) in
-            list.lights.iter().zip(table.rows.chunks_exact_mut(STRIDE)).enumerate()
+            list.lights.iter().zip(table.rows.chunks_exact_mut(stride)).enumerate()
         {
             not_negative("light", id, "its radiance", &emitter.radiance)?;
             finite("light", id, "a number of its geometry", light.numbers())?;
@@ -119,7 +125,10 @@ impl LightTable {
     }
     /// Largest component of any light's radiance or intensity; 0 without lights.
     pub fn brightest(&self) -> f32 {
-        self.rows.chunks_exact(STRIDE).flat_map(|row| &row[..3]).fold(0.0, |a, &b| a.max(b))
+        self.rows().flat_map(|row| &row[..3]).fold(0.0, |a, &b| a.max(b))
+    }
+    fn rows(&self) -> impl Iterator<Item = &[f32]> {
+        self.rows.chunks_exact(self.stride.max(1)).take(self.len())
     }
     /// Bytes on the heap.
     pub fn bytes(&self) -> usize {
@@ -140,8 +149,8 @@ impl LightTable {
     /// Every lane of `id` is below [`LightTable::len`].
     #[inline(always)]
     pub unsafe fn row<F: Real>(&self, id: F::Uint) -> LightRow<'_, F> {
-        // SAFETY: the caller's promise; all columns are of one length, rows [`STRIDE`] times that.
-        unsafe { LightRow::new(&self.kinds, &self.rows, id) }
+        // SAFETY: the caller's promise; all columns are of one length, rows `stride` times that and [`LONGEST`].
+        unsafe { LightRow::new(&self.kinds, &self.rows, self.stride as u32, id) }
     }
 
     /// The row of the material of the surface of light `id`.
@@ -224,7 +233,7 @@ impl LightTable {
             chances[i] += split - begin;
             chances[other] += end - split;
         }
-        for (row, chances) in self.rows.chunks_exact_mut(STRIDE).zip(chances) {
+        for (row, chances) in self.rows.chunks_exact_mut(self.stride.max(1)).zip(chances) {
             row[PROBABILITY] = (chances as f64 / 4_294_967_296.0) as f32;
         }
     }
