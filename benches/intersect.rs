@@ -1,5 +1,5 @@
 //! Stage `intersect`: closest hits a second, of camera rays and of bounce rays, in a small scene and in a large one, in
-//! every way through the wide tree, and through obvhs' own.
+//! every way through the wide tree, and through the binary one by obvhs.
 
 mod support;
 

@@ -1,5 +1,5 @@
 //! Stage `light_sample`: shadow rays a second, of what the camera sees and of what paths have bounced to, in a small
-//! scene and in a large one, in every way through the wide tree, and through obvhs' own.
+//! scene and in a large one, in every way through the wide tree, and through the binary one by obvhs.
 
 mod support;
 

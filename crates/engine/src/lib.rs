@@ -56,7 +56,7 @@ impl SamplerKind {
 pub enum EngineKind {
     /// Stage by stage over pools of paths, in SIMD kernels.
     Wavefront,
-    /// One path at a time, through obvhs' tree by obvhs' own traversal: the naive baseline.
+    /// One path at a time, through a binary tree by obvhs' traversal: the naive baseline.
     Megakernel,
     /// One path at a time, through the wavefront's tree: tells what is layout and what is wavefront.
     MegakernelWide,
@@ -102,7 +102,7 @@ pub struct Settings {
 pub enum Tree<'a> {
     /// 8 wide.
     Bvh8(Bvh8<'a>),
-    /// obvhs' own.
+    /// Binary, walked by obvhs.
     Naive(NaiveBvh<'a>),
 }
 
