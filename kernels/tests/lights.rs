@@ -545,7 +545,7 @@ fn lights_without_extent() {
         let got = if s.valid { s.radiance.r as f64 } else { 0.0 };
         assert!((got - want).abs() < 1e-5 * RADIANCE[0] as f64 / d2, "{got}, not {want}");
         let s = sample(&fourth, origin);
-        let got = if s.valid { s.radiance.x as f64 } else { 0.0 };
+        let got = if s.valid { s.radiance.r as f64 } else { 0.0 };
         let want = RADIANCE[0] as f64 / d2 * x.powi(4);
         assert!((got - want).abs() < 1e-5 * RADIANCE[0] as f64 / d2, "fourth power: {got}, not {want}");
         let inside = normalize(matrix.map(|row| dot(wide(row), towards)));
@@ -553,7 +553,7 @@ fn lights_without_extent() {
         let want = RADIANCE[0] as f64 / d2 * x * x * (3.0 - 2.0 * x);
         let s = sample(&stretched, origin);
         assert!(length(sub(array(s.direction), towards)) < 5e-7);
-        let got = if s.valid { s.radiance.x as f64 } else { 0.0 };
+        let got = if s.valid { s.radiance.r as f64 } else { 0.0 };
         assert!((got - want).abs() < 1e-5 * RADIANCE[0] as f64 / d2, "stretched: {got}, not {want}");
         let s = sample(&sharp, origin);
         if (cos - end).abs() > 1e-6 {
