@@ -20,7 +20,7 @@ fn description() -> SceneDescription {
     let mut scene = SceneDescription::default();
     scene.film.resolution = [8, 8];
     scene.film.pixel_bounds = [0, 8, 0, 8];
-    scene.materials = vec![Material::Diffuse { reflectance: [0.5; 3], sigma: 0.0 }];
+    scene.materials = vec![Material::Diffuse { reflectance: [0.5; 3].into(), sigma: 0.0.into() }];
     scene.meshes = vec![Mesh {
         positions: vec![[-5.0, -5.0, 6.0], [5.0, -5.0, 6.0], [0.0, 5.0, 6.0]],
         triangles: vec![[0, 1, 2]],
@@ -87,7 +87,8 @@ fn descriptions_of_no_scene_are_refused_by_name() {
         assert_refused("camera 0: the radius of its lens", |s| s.camera.lens_radius = bad);
         assert_refused("filter 0: its radius", |s| s.filter = Filter::Box { radius: [bad, 1.0] });
         assert_refused("material 0: its", |s| {
-            s.materials[0] = Material::Diffuse { reflectance: [0.5, bad as f32, 0.5], sigma: 0.0 };
+            s.materials[0] =
+                Material::Diffuse { reflectance: [0.5, bad as f32, 0.5].into(), sigma: 0.0.into() };
         });
         assert_refused("shape 1: its emitted radiance", |s| {
             s.shapes[1].emission.as_mut().unwrap().radiance[2] = bad as f32;
