@@ -40,7 +40,7 @@ mod polygon;
 mod source;
 mod spectra;
 mod suggest;
-mod transform;
+pub(crate) mod transform;
 
 use std::path::{Path, PathBuf};
 

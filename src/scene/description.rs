@@ -4,6 +4,7 @@
 //! tables that the kernels walk. Transforms are kept in double precision up to here, so that a chain of them
 //! costs no accuracy; vertices are rounded to `f32` once, in world space.
 
+use crate::pbrt::transform;
 use glam::{DAffine3, DMat3, DVec3};
 use wavepath_engine::SamplerKind;
 use wavepath_engine::film::Frame;
@@ -60,6 +61,31 @@ impl Default for SceneDescription {
     }
 }
 
+impl SceneDescription {
+    /// Adds a material.
+    pub fn add_material(&mut self, material: Material) -> MaterialId {
+        self.materials.push(material);
+        MaterialId(self.materials.len() as u32 - 1)
+    }
+
+    /// Adds a mesh: a form for shapes.
+    pub fn add_mesh(&mut self, mesh: Mesh) -> Geometry {
+        self.meshes.push(mesh);
+        Geometry::Mesh(MeshId(self.meshes.len() as u32 - 1))
+    }
+
+    /// Adds a surface that reflects.
+    pub fn add_shape(&mut self, geometry: Geometry, material: MaterialId) {
+        self.shapes.push(Shape { geometry, material, emission: None, flip_normal: false });
+    }
+
+    /// Adds a surface that emits `radiance` on the side of its normal.
+    pub fn add_lamp(&mut self, geometry: Geometry, material: MaterialId, radiance: Rgb) {
+        let emission = Some(Emission { radiance, power: None, two_sided: false });
+        self.shapes.push(Shape { geometry, material, emission, flip_normal: false });
+    }
+}
+
 /// A perspective camera with an optional thin lens.
 #[derive(Clone, Debug)]
 pub struct Camera {
@@ -91,6 +117,15 @@ impl Default for Camera {
     }
 }
 
+impl Camera {
+    /// A pinhole at `eye` that looks at a point, with `up` upwards in the image, and a field of view of `fov` degrees along
+    /// the shorter axis. `None` if the two points coincide or `up` is parallel to the view.
+    pub fn look_at(eye: DVec3, look: DVec3, up: DVec3, fov: f64) -> Option<Camera> {
+        let camera_from_world = transform::look_at(eye.into(), look.into(), up.into())?;
+        Some(Camera { world_from_camera: camera_from_world.inverse(), fov, ..Camera::default() })
+    }
+}
+
 /// Resolution and crop of the image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Film {
@@ -105,6 +140,12 @@ pub struct Film {
 }
 
 impl Film {
+    /// All of an image of this size.
+    pub fn whole(width: u32, height: u32) -> Self {
+        let (resolution, pixel_bounds) = ([width, height], [0, width, 0, height]);
+        Film { resolution, pixel_bounds, ..Film::default() }
+    }
+
     /// The pixels to render, and their place in the image.
     pub fn frame(&self) -> Frame {
         Frame { image_width: self.resolution[0], bounds: self.pixel_bounds }
@@ -229,6 +270,14 @@ pub enum Geometry {
         /// Only azimuths in `[0, phi_max]` degrees are there; 360 is all.
         phi_max: f64,
     },
+}
+
+impl Geometry {
+    /// A whole sphere in the world.
+    pub fn sphere(centre: DVec3, radius: f64) -> Self {
+        let world_from_object = DAffine3::from_translation(centre);
+        Geometry::Sphere { world_from_object, radius, z_min: -radius, z_max: radius, phi_max: 360.0 }
+    }
 }
 
 /// A surface: its form, what it is made of, whether it emits.
