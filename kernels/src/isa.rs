@@ -5,6 +5,7 @@
 //! `#[inline(always)]`, so all of it is compiled with the features (measured: as fast as `target-cpu=native`). That
 //! function itself is never inlined: a stage shows under its own name in a profile, and is compiled once.
 
+use crate::lanes::sealed::Sealed;
 use crate::lanes::{Portable, Real};
 
 /// Work that can be instantiated for any instruction set.
@@ -32,7 +33,7 @@ impl Promise {
 ///
 /// A value of such a type is the proof that the machine has the set: only [`Level::run`] makes one, after asking the
 /// CPU.
-pub trait Isa: Copy + Send + Sync + 'static {
+pub trait Isa: Sealed + Copy + Send + Sync + 'static {
     /// Widest lanes: the batch kernels.
     type Wide: Real;
     /// Exactly 8 lanes: one ray against 8 boxes.
@@ -176,6 +177,8 @@ impl Level {
 #[derive(Clone, Copy, Debug)]
 pub struct Baseline;
 
+impl Sealed for Baseline {}
+
 impl Isa for Baseline {
     type Wide = Portable<4>;
     type Eight = Portable<8>;
@@ -194,12 +197,14 @@ use x86::{Avx2, Avx512, OneLane};
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{Isa, Kernel};
+    use super::{Isa, Kernel, Sealed};
     use crate::lanes::{F32x4, F32x8, F32x16, FusedF32};
 
     /// AVX2 and FMA.
     #[derive(Clone, Copy, Debug)]
     pub struct Avx2(pub(super) ());
+
+    impl Sealed for Avx2 {}
 
     impl Isa for Avx2 {
         type Wide = F32x8;
@@ -223,6 +228,8 @@ mod x86 {
     #[derive(Clone, Copy, Debug)]
     pub struct OneLane(pub(super) ());
 
+    impl Sealed for OneLane {}
+
     impl Isa for OneLane {
         type Wide = FusedF32;
         type Eight = F32x8;
@@ -244,6 +251,8 @@ mod x86 {
     /// AVX-512 F, DQ, VL, BW, CD.
     #[derive(Clone, Copy, Debug)]
     pub struct Avx512(pub(super) ());
+
+    impl Sealed for Avx512 {}
 
     impl Isa for Avx512 {
         type Wide = F32x16;

@@ -22,7 +22,7 @@
 #![allow(clippy::too_many_arguments)]
 
 pub mod generate;
-pub mod huge;
+mod huge;
 pub mod intersect;
 pub mod isa;
 pub mod lanes;

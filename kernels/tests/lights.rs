@@ -16,9 +16,9 @@ use wavepath_kernels::lanes::{Real, Uint};
 use wavepath_kernels::math::{Rgb, Vec3};
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol, Stream, stream_seed};
 use wavepath_kernels::scene::lights::{
-    self, AllLights, DistantRow, Emitter, FlatRow, GoniometricRow, LightKind, LightKinds, LightList,
-    LightRow, LightTable, NoLights, PointRow, SphereRow, Spheres, StretchedSpotRow, WithLights, fade,
-    goniometric, kind, with_lights,
+    self, AllLights, CylinderRow, DistantRow, Emitter, FlatRow, GoniometricRow, LightKind, LightKinds,
+    LightList, LightRow, LightTable, NoLights, PointRow, SphereRow, Spheres, StretchedSpotRow, WithLights,
+    fade, goniometric, kind, with_lights,
 };
 use wavepath_kernels::scene::{
     BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, MaterialTable, NoRow, Scene, SceneParts,
@@ -52,8 +52,10 @@ enum Shape {
     Triangle([f32; 3], [f32; 3], [f32; 3]),
     /// Centre, two half axes, at right angles and as long.
     Disk([f32; 3], [f32; 3], [f32; 3]),
+    /// Base, axis, radius towards azimuth 0, turns, side.
+    Tube(CylinderRow),
 }
-use Shape::{Disk, Sphere, SphereArea, Triangle};
+use Shape::{Disk, Sphere, SphereArea, Triangle, Tube};
 
 const RADIANCE: [f32; 3] = [2.0, 1.0, 0.5];
 
@@ -87,6 +89,7 @@ impl Light {
         let light = match shape {
             Sphere(centre, radius) => lights::Light::Sphere(SphereRow { centre, radius }),
             SphereArea(centre, radius) => lights::Light::SphereArea(SphereRow { centre, radius }),
+            Tube(row) => lights::Light::Cylinder(row),
             Triangle(corner, first, second) | Disk(corner, first, second) => {
                 let parallelogram = length(cross(wide(first), wide(second)));
                 let row =
@@ -129,6 +132,30 @@ impl Light {
                 let half = half.sqrt();
                 let t = if along - half > 0.0 { along - half } else { along + half };
                 (t > 0.0).then(|| (t, scale(sub(add(origin, scale(d, t)), wide(c)), 1.0 / r)))
+            }
+            Tube(tube) => {
+                let (base, axis, x) = (wide(tube.base), wide(tube.axis), wide(tube.first));
+                let (up, height) = (normalize(axis), length(axis));
+                let y = scale(cross(up, x), (tube.turns as f64).signum());
+                let (r2, turns) = (dot(x, x), tube.turns.abs() as f64);
+                // Across the axis, in units of the radius.
+                let flat = |v: [f64; 3]| [dot(v, x) / r2, dot(v, y) / r2];
+                let (o, across) = (flat(sub(origin, base)), flat(d));
+                let (a, b) = (across[0].powi(2) + across[1].powi(2), o[0] * across[0] + o[1] * across[1]);
+                let c = o[0] * o[0] + o[1] * o[1] - 1.0;
+                let root = (b * b - a * c).max(-1.0);
+                if root < 0.0 {
+                    return None;
+                }
+                [-b - root.sqrt(), -b + root.sqrt()].into_iter().map(|t| t / a).find_map(|t| {
+                    let p = sub(add(origin, scale(d, t)), base);
+                    let along = dot(p, up);
+                    let [cos, sin] = flat(p);
+                    let azimuth = sin.atan2(cos).rem_euclid(2.0 * PI);
+                    let there = t > 0.0 && (0.0..=height).contains(&along) && azimuth <= 2.0 * PI * turns;
+                    let outwards = normalize(sub(p, scale(up, along)));
+                    there.then(|| (t, scale(outwards, tube.side as f64)))
+                })
             }
             Triangle(p, a, b) | Disk(p, a, b) => {
                 let (p, a, b) = (wide(p), wide(a), wide(b));
@@ -177,6 +204,19 @@ impl Light {
                 (third, 0.4 * length(wide(a)).max(length(wide(b))))
             }
             Disk(p, a, _) => (wide(p), length(wide(a))),
+            Tube(tube) => {
+                let half = length(wide(tube.axis)) / 2.0;
+                let centre = add(wide(tube.base), scale(wide(tube.axis), 0.5));
+                // From within it is all around.
+                (
+                    centre,
+                    if length(sub(centre, origin)) < half {
+                        1e3
+                    } else {
+                        half.hypot(length(wide(tube.first)))
+                    },
+                )
+            }
         };
         let to = sub(centre, origin);
         Around::new(normalize(to), (0.5 * extent / length(to)).min(1.0))
@@ -211,6 +251,23 @@ fn flat_lights() -> Vec<(String, Shape, [f64; 3], bool)> {
                 all.push((format!("{name}, {where_}, two-sided {two_sided}"), shape, origin, two_sided));
             }
         }
+    }
+    all
+}
+
+/// Cylinders that do not hide themselves: their outside, and their inside from within.
+fn tubes() -> Vec<(String, Shape, [f64; 3])> {
+    // At right angles in single precision, too.
+    let (axis, first) = ([0.4, -0.8, 1.2], [0.56, 0.28, 0.0]);
+    let row = CylinderRow { base: [0.1, 0.5, -0.6], axis, first, turns: 1.0, side: 1.0 };
+    let on_axis = add(wide(row.base), scale(wide(axis), 0.4));
+    let mut all = Vec::new();
+    for turns in [1.0, -1.0, 0.3, -0.6] {
+        let row = CylinderRow { turns, ..row };
+        for (place, origin) in [("aside", [3.0, 1.0, 0.5]), ("over its end", [1.0, -1.8, 2.5])] {
+            all.push((format!("tube of {turns}, {place}"), Tube(row), origin));
+        }
+        all.push((format!("inside of {turns}"), Tube(CylinderRow { side: -1.0, ..row }), on_axis));
     }
     all
 }
@@ -255,10 +312,13 @@ fn assert_shares<F: Scalar>(
 fn samples_follow_their_density() {
     let flat = flat_lights();
     let ratios = [0.999, 0.9, 0.5, 0.1, 1e-2, 1e-3];
-    let family = flat.len() + 4 * ratios.len() + 6;
+    let family = flat.len() + tubes().len() + 4 * ratios.len() + 6;
     for (what, shape, origin, two_sided) in flat {
         let light = Light::new(shape, two_sided);
         assert_sampling(&what, &light, origin, family);
+    }
+    for (what, shape, origin) in tubes() {
+        assert_sampling(&what, &Light::new(shape, false), origin, family);
     }
     for ratio in ratios {
         for turn in [1.0, -1.0] {
@@ -312,7 +372,8 @@ fn densities_are_those_of_the_samples_and_integrate_to_one() {
         }
     }
     // A sample's own density is that of a ray in its direction.
-    for (what, shape, origin, two_sided) in flat_lights() {
+    let tubes = tubes().into_iter().map(|(what, shape, origin)| (what, shape, origin, false));
+    for (what, shape, origin, two_sided) in flat_lights().into_iter().chain(tubes) {
         let light = Light::new(shape, two_sided);
         for _ in 0..200 {
             let s = light.sample::<f64>(origin, [random.unit(), random.unit()]);
@@ -792,6 +853,16 @@ fn both_strategies_together_are_unbiased() {
         (Triangle([-1.0, -1.0, 1.0], [0.0, 3.0, 0.2], [2.0, 0.0, 0.0]), false),
         (Triangle([-1.0, -1.0, 1.0], [2.0, 0.0, 0.0], [0.0, 3.0, 0.2]), true),
         (Disk([0.0, 0.0, 0.5], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), false),
+        (
+            Tube(CylinderRow {
+                base: [-0.8, 0.1, 1.0],
+                axis: [1.6, 0.2, 0.4],
+                first: narrow(scale(tangents(normalize([1.6, 0.2, 0.4]))[0], 0.4)),
+                turns: 1.0,
+                side: 1.0,
+            }),
+            false,
+        ),
     ] {
         let light = Light::new(shape, two_sided);
         // What is reflected, by quadrature over the light's directions.
@@ -903,11 +974,11 @@ fn the_batwing_has_its_shape_and_its_integral() {
     let at = |degrees: f64| goniometric::pattern::<f64>(degrees.to_radians().cos());
     assert!((at(0.0) - 0.125).abs() < 1e-12 && (at(60.0) - 1.0).abs() < 1e-12);
     assert_eq!((at(91.0), at(180.0), goniometric::pattern::<f32>(0.0)), (0.0, 0.0, 0.0));
-    // Continuous, and never above 1.
+    // Continuous, nowhere steeper than at 60 degrees (3 tan 60 a radian), and never above 1.
     let mut last = at(0.0);
     for k in 1..=1800 {
         let next = at(k as f64 / 10.0);
-        assert!((next - last).abs() < 7e-3 && (0.0..=1.0 + 1e-12).contains(&next));
+        assert!((next - last).abs() < 9.1e-3 && (0.0..=1.0 + 1e-12).contains(&next));
         last = next;
     }
     const N: usize = 1_000_000;

@@ -4,8 +4,8 @@ use super::check::check;
 use super::description as d;
 use glam::{DAffine3, DMat3, DVec3};
 use wavepath_kernels::scene::lights::{
-    DistantRow, Emitter, FlatRow, GoniometricRow, Light, LightList, LightTable, PointRow, SphereRow,
-    StretchedSpotRow, fade, goniometric,
+    CylinderRow, DistantRow, Emitter, FlatRow, GoniometricRow, Light, LightList, LightTable, PointRow,
+    SphereRow, StretchedSpotRow, fade, goniometric,
 };
 use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
 use wavepath_kernels::scene::{
@@ -208,6 +208,13 @@ fn uniform_scale(m: &DAffine3) -> Option<f64> {
     let off = gram - DMat3::from_diagonal(DVec3::splat(s2));
     let largest = off.to_cols_array().iter().fold(0.0f64, |a, x| a.max(x.abs()));
     (largest <= 1e-6 * s2).then(|| s2.sqrt())
+}
+
+/// Does a transform keep what is round around the z axis so?
+fn is_round(m: &DAffine3) -> bool {
+    let DMat3 { x_axis: x, y_axis: y, z_axis: z } = m.matrix3;
+    let square = |a: DVec3, b: DVec3| a.dot(b).abs() <= 1e-6 * a.length() * b.length();
+    square(x, y) && square(y, z) && square(z, x) && (x.length() - y.length()).abs() <= 1e-6 * x.length()
 }
 
 /// What a light's colour counts for when lights are chosen. Not its luminance: errors are measured channel by channel,
@@ -441,7 +448,7 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// Whole disks are sampled; everything else that is clipped or stretched is found by chance.
+    /// Whole disks and round cylinders are sampled; everything else that is clipped or stretched is found by chance.
     fn quadric_light(
         &mut self,
         shape: &d::Shape,
@@ -466,6 +473,21 @@ impl Builder<'_> {
                     area: area as f32,
                 };
                 self.emitter(shape, emission, area, Light::Disk(row))
+            }
+            d::Geometry::Cylinder { radius, z_min, z_max, phi_max, .. } if is_round(world) => {
+                let axis = world.transform_vector3(DVec3::Z * (z_max - z_min));
+                let x = world.transform_vector3(DVec3::X * radius);
+                let y = world.transform_vector3(DVec3::Y * radius);
+                let turns = (phi_max / 360.0).min(1.0);
+                let area = std::f64::consts::TAU * x.length() * turns * axis.length();
+                let row = CylinderRow {
+                    base: world.transform_point3(DVec3::Z * z_min).as_vec3().into(),
+                    axis: axis.as_vec3().into(),
+                    first: x.as_vec3().into(),
+                    turns: if axis.cross(x).dot(y) < 0.0 { -turns } else { turns } as f32,
+                    side: if shape.flip_normal { -1.0 } else { 1.0 },
+                };
+                self.emitter(shape, emission, area, Light::Cylinder(row))
             }
             _ => self.emitter(shape, emission, form.area(world), Light::Unsampled(NoRow)),
         }

@@ -54,8 +54,17 @@ pub(crate) use x86::{F32x4, F32x8};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86_512::F32x16;
 
+/// Lanes and instruction sets are those of this crate: kernels rely on how many lanes there are, and on what each
+/// operation does.
+pub(crate) mod sealed {
+    /// See the module.
+    pub trait Sealed {}
+}
+
 /// One truth value a lane.
-pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {
+pub trait Mask:
+    sealed::Sealed + Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self>
+{
     /// Bit `i` is lane `i`; bits above the lanes are 0.
     fn bits(self) -> u32;
     /// The inverse of [`Mask::bits`]; bits above the lanes are ignored.
@@ -79,7 +88,8 @@ pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output
 
 /// One `u32` a lane, with wrapping arithmetic.
 pub trait Uint:
-    Copy
+    sealed::Sealed
+    + Copy
     + BitAnd<Output = Self>
     + BitOr<Output = Self>
     + BitXor<Output = Self>
@@ -131,7 +141,13 @@ pub trait Uint:
 
 /// One real number a lane. In memory it is always `f32`.
 pub trait Real:
-    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+    sealed::Sealed
+    + Copy
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
 {
     /// The mask with as many lanes.
     type Mask: Mask;

@@ -51,6 +51,10 @@ impl<const N: usize> Not for PortableMask<N> {
     }
 }
 
+impl<const N: usize> super::sealed::Sealed for PortableMask<N> {}
+impl<const N: usize> super::sealed::Sealed for PortableUint<N> {}
+impl<const N: usize> super::sealed::Sealed for Portable<N> {}
+
 impl<const N: usize> Mask for PortableMask<N> {
     #[inline(always)]
     fn bits(self) -> u32 {

@@ -4,6 +4,12 @@ use super::{Mask, Real, Uint, sin_cos_turns_f32};
 use core::num::Wrapping;
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
+impl super::sealed::Sealed for bool {}
+impl super::sealed::Sealed for Wrapping<u32> {}
+impl super::sealed::Sealed for f32 {}
+impl super::sealed::Sealed for FusedF32 {}
+impl super::sealed::Sealed for f64 {}
+
 impl Mask for bool {
     #[inline(always)]
     fn bits(self) -> u32 {

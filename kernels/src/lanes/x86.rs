@@ -72,6 +72,10 @@ macro_rules! lanes {
                 unsafe { $M($xor_ps(self.0, $castsi_ps($set1_epi32(-1)))) }
             }
         }
+        impl super::sealed::Sealed for $M {}
+        impl super::sealed::Sealed for $U {}
+        impl super::sealed::Sealed for $F {}
+
         impl Mask for $M {
             #[inline(always)]
             fn bits(self) -> u32 {

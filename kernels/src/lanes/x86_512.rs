@@ -63,6 +63,10 @@ impl Not for M16 {
         M16(!self.0)
     }
 }
+impl super::sealed::Sealed for M16 {}
+impl super::sealed::Sealed for U32x16 {}
+impl super::sealed::Sealed for F32x16 {}
+
 impl Mask for M16 {
     #[inline(always)]
     fn bits(self) -> u32 {

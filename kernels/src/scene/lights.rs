@@ -3,10 +3,12 @@
 //!
 //! To add a kind: a file beside `goniometric.rs`, and a line in [`light_kinds`].
 
+mod cylinder;
 pub mod goniometric;
 mod stretched_spot;
 mod table;
 
+pub use cylinder::CylinderRow;
 pub use goniometric::GoniometricRow;
 pub use stretched_spot::StretchedSpotRow;
 pub use table::{Emitter, LightList, LightTable};
@@ -40,6 +42,10 @@ macro_rules! light_kinds {
                 /// Full disk (or ellipse), sampled uniformly over its surface.
                 Disk DISK FlatRow "disk";
             }
+            surface(cylinder::sample, cylinder::pdf) {
+                /// Round cylinder without ends, sampled uniformly over its surface.
+                Cylinder CYLINDER CylinderRow "cylinder";
+            }
             delta(sample_point) {
                 /// Point.
                 Point POINT PointRow "point";
@@ -59,7 +65,7 @@ macro_rules! light_kinds {
                 Distant DISTANT DistantRow "distant";
             }
             chance() {
-                /// Emitting surface that cannot be sampled (a clipped or stretched sphere): found by chance only.
+                /// Emitting surface that cannot be sampled (a clipped or stretched sphere, a stretched cylinder): found by chance only.
                 Unsampled UNSAMPLED NoRow "surface found by chance only";
             }
         }
@@ -219,7 +225,9 @@ macro_rules! pdf_of_kinds {
     (surface($sample:path, $pdf:path) [$($bit:ident)*] $L:ident $light:ident $origin:ident $direction:ident $t:ident $normal:ident $out:ident) => {
         if $L::KINDS & const { 0 $(| kind::$bit)* } != 0 {
             let lanes = F::Mask::from_bits(0) $(| $light.is(kind::$bit))*;
-            $out = F::select(lanes, $pdf($light, $origin, $direction, $t, $normal), $out);
+            if lanes.any() {
+                $out = F::select(lanes, $pdf($light, $origin, $direction, $t, $normal), $out);
+            }
         }
     };
     ($class:ident $($rest:tt)*) => {};
