@@ -9,6 +9,7 @@ use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::{Accelerator, Hit, Policy, RayClass, TraversalStack, bounds};
 use wavepath_kernels::isa::{Isa, Kernel, Level};
 use wavepath_kernels::lanes::Uint;
+use wavepath_kernels::queue::MAX_DEPTH;
 use wavepath_kernels::sampler::{Sampler, Stream};
 use wavepath_kernels::scene::lights::{Emitter, FlatRow, Light, LightList, LightTable, PointRow, SphereRow};
 use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
@@ -180,7 +181,7 @@ fn filters_take_any_number() {
 #[test]
 fn scenes_whose_parts_do_not_fit_are_refused() {
     let mut materials = MaterialTable::default();
-    materials.push(wavepath_kernels::shade::lambert::row([0.5; 3]));
+    let handle = materials.add(&Lambert { reflectance: [0.5; 3].into() }).unwrap();
     let lights = |material: u32| {
         let mut list = LightList::default();
         let emitter = Emitter { radiance: [1.0; 3], material, power: 1.0, ..Emitter::default() };
@@ -194,22 +195,22 @@ fn scenes_whose_parts_do_not_fit_are_refused() {
             materials: materials.clone(),
             lights,
             environment,
-            max_depth: u32::MAX,
+            max_depth: MAX_DEPTH,
         })
     };
-    use wavepath_kernels::scene::{MaterialClass, PrimitiveTag};
-    let lambert = PrimitiveTag::material(MaterialClass::Lambert, 0).0;
+    use wavepath_kernels::scene::PrimitiveTag;
+    use wavepath_kernels::shade::materials::{Lambert, MaterialClass};
+    let lambert = PrimitiveTag::material(handle).0;
     let lamp = PrimitiveTag::light(MaterialClass::Lambert, 0).0;
     let good = scene([lambert, lamp], lights(0), [0.0; 3]).unwrap();
-    assert!(good.max_depth() < u32::MAX);
     assert_eq!(good.clone().id(), good.id());
     assert_ne!(scene([lambert, lamp], lights(0), [0.0; 3]).unwrap().id(), good.id());
     for (what, tags, table) in [
-        ("material 1", [lambert + 1, lamp], lights(0)),
+        ("in row 1 of the materials", [lambert + 1, lamp], lights(0)),
         ("light 1", [lambert, lamp + 1], lights(0)),
         ("light 0", [lambert, lamp], LightTable::default()),
         ("material class", [u32::MAX, lamp], lights(0)),
-        ("light 0 refers to material 1", [lambert, lamp], lights(1)),
+        ("in row 1 of the materials", [lambert, lamp], lights(1)),
     ] {
         let error = scene(tags, table, [0.0; 3]).expect_err(what);
         assert!(error.to_string().contains(what), "{error}, not {what}");
