@@ -167,9 +167,9 @@ impl fmt::Display for Report {
             "time",
             format_args!("{} rendering, {} setup", seconds(self.seconds), seconds(self.setup_seconds)),
         )?;
-        if !self.setup_stages.is_empty() {
-            let parts = self.setup_stages.iter().map(|(name, spent)| format!("{} {name}", seconds(*spent)));
-            row(f, "setup", parts.collect::<Vec<_>>().join(", "))?;
+        for (index, parts) in self.setup_stages.chunks(3).enumerate() {
+            let parts = parts.iter().map(|(name, spent)| format!("{} {name}", seconds(*spent)));
+            row(f, if index == 0 { "setup" } else { "" }, parts.collect::<Vec<_>>().join(", "))?;
         }
         if let Some(reason) = &self.stopped_by {
             row(f, "stopped by", reason)?;
