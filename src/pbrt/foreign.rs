@@ -33,7 +33,8 @@ pub(crate) fn explain(name: &str, beginning: &[u8]) -> Option<Box<Problem>> {
     let stem = stem.filter(|stem| stem != "stdin").unwrap_or_else(|| "model".into());
     let way = match what {
         "a PLY mesh" => format!(
-            "expected a scene that shows it, with the line: Shape \"plymesh\" \"string filename\" \"{stem}.ply\""
+            "expected a name that ends in .ply, or a scene with the line: Shape \"plymesh\" \"string filename\" \
+             \"{stem}.ply\""
         ),
         "an OpenEXR picture" | "a PNG picture" => "expected a scene; `wavepath compare` compares pictures".into(),
         "a gzip-compressed file" => "expected a name that ends in .gz, or the file decompressed".into(),

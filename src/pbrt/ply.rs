@@ -665,7 +665,7 @@ mod tests {
             ("0 1 0 9", "0 zwei 0 9", "line 23", "`zwei`"),
             ("4 0 1 2 3", "4 0 1 2 4", "line 24", "index 4, but there are 4"),
             ("3 0 1 2 8", "3 0 -1 2 8", "line 25", "index -1"),
-            ("3 0 1 2 8", "99 0 1 8", "line 26", "vertex index 5"),
+            ("3 0 1 2 8", "99 0 1 8", "line 25", "vertex index 8"),
             ("element edge 1", "element edge 9999999999", "line 27", "ends too early"),
             ("property double y", "property double w", "line 20", "no x, y and z"),
             ("property double y", "property half y", "line 6", "unknown type"),

@@ -431,12 +431,14 @@ impl Builder {
     }
 
     fn refuse_roughness(&mut self, parameters: &Parameters, remap: fn(f64) -> f64) -> Result<()> {
+        let before = self.pending.len();
         // v3's glass is smooth where the roughness is 0, whatever the remapping says of 0.
         if self.roughness(parameters, 0.0)? == [0.0; 2] {
             parameters.accept(&["remaproughness"]);
             return Ok(());
         }
-        if self.alpha(parameters, 0.0, remap)? == [0.0; 2] {
+        // Of a texture that is not supported, that was said.
+        if self.alpha(parameters, 0.0, remap)? == [0.0; 2] || self.pending.len() != before {
             return Ok(());
         }
         let name = ["roughness", "uroughness", "vroughness"]
