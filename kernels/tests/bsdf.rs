@@ -14,7 +14,7 @@ use wavepath_kernels::shade::bsdf::{Bsdf, BsdfSample};
 use wavepath_kernels::shade::fresnel;
 use wavepath_kernels::shade::materials::{
     Conductor, Dielectric, DiffuseTransmission, Lambert, Listed, Material, MaterialClass, MaterialError,
-    OrenNayar, RoughConductor, ThinDielectric,
+    Mirror, OrenNayar, RoughConductor, ThinDielectric,
 };
 use wavepath_kernels::shade::parameters::{BadParameter, Parameter, Parameters, TextureId};
 
@@ -40,6 +40,9 @@ fn oren_nayar(reflectance: [f32; 3], sigma: f32) -> OrenNayar {
 }
 fn conductor(eta: [f32; 3], k: [f32; 3]) -> Conductor {
     Conductor { eta: eta.into(), k: k.into() }
+}
+fn mirror(reflectance: [f32; 3]) -> Mirror {
+    Mirror { reflectance: reflectance.into() }
 }
 fn rough_conductor(eta: [f32; 3], k: [f32; 3], alpha: f32) -> RoughConductor {
     RoughConductor { eta: eta.into(), k: k.into(), alpha: alpha.into() }
@@ -316,8 +319,8 @@ fn furnaces_are_white() {
         assert!(s.valid && s.pdf == 0.0);
         assert_eq!(s.wi.lane(0), [-wo[0] as f32, -wo[1] as f32, wo[2] as f32]);
         // An ideal mirror reflects the same at every angle.
-        let mirror = bsdf::<ConductorMaterial, f32>(conductor::mirror_row([0.25, 0.5, 1.0]));
-        let s = mirror.sample(lanes(wo), [0.3, 0.8]);
+        let mirror = bsdf::<_, f32>(mirror([0.25, 0.5, 1.0]));
+        let s = mirror.sample(lanes(wo), 0.3, [0.3, 0.8]);
         assert_eq!((s.weight.lane(0), s.valid), ([0.25, 0.5, 1.0], true));
         assert_eq!(s.wi.lane(0), [-wo[0] as f32, -wo[1] as f32, wo[2] as f32]);
     }
@@ -654,6 +657,7 @@ fn assert_finite<M: Material>(what: &str, material: M) {
 fn extremes_stay_finite() {
     assert_finite::<Lambert>("Lambert", lambert([1.0; 3]));
     assert_finite::<OrenNayar>("Oren-Nayar", oren_nayar([1.0; 3], 60.0));
+    assert_finite("mirror", mirror([1.0; 3]));
     assert_finite("diffuse transmission", diffuse_transmission([1.0; 3], [1.0; 3]));
     assert_finite("diffuse transmission, black", diffuse_transmission([0.0; 3], [0.0; 3]));
     assert_finite::<Conductor>("conductor", conductor(GOLD.0, GOLD.1));
@@ -677,6 +681,7 @@ fn wide_lanes_scatter_to_the_same_bits() {
             compare::<I::Wide, I::One, OrenNayar>(oren_nayar([0.2, 0.5, 1.0], 20.0));
             compare::<I::Wide, I::One, Conductor>(conductor(GOLD.0, GOLD.1));
             compare::<I::Wide, I::One, RoughConductor>(rough(0.2));
+            compare::<I::Wide, I::One, _>(mirror([0.2, 0.5, 1.0]));
             compare::<I::Wide, I::One, _>(diffuse_transmission([0.2, 0.5, 0.9], [0.6, 0.1, 0.05]));
             compare::<I::Wide, I::One, Dielectric>(dielectric(1.5, TINTS.0, TINTS.1));
             compare::<I::Wide, I::One, ThinDielectric>(thin_dielectric(1.5));
@@ -750,6 +755,7 @@ fn bad_parameters_are_refused() {
         assert_eq!((problem.found, &problem.expected[..]), (bad.to_string(), "numbers from 0 to 1"));
         assert_eq!(refused(oren_nayar([0.5; 3], 100.0 * bad)).1.parameter, "sigma");
         assert_eq!(refused(diffuse_transmission([0.5; 3], [bad; 3])).1.parameter, "transmittance");
+        assert_eq!(refused(mirror([bad; 3])).0, "mirror");
     }
     for bad in [-1.0, f32::NAN, f32::INFINITY] {
         assert_eq!(refused(conductor([bad; 3], [1.0; 3])).1.parameter, "eta");

@@ -9,14 +9,14 @@ use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::{Accelerator, Hit, Policy, RayClass, TraversalStack, bounds};
 use wavepath_kernels::isa::{Isa, Kernel, Level};
 use wavepath_kernels::lanes::Uint;
-use wavepath_kernels::queue::MAX_DEPTH;
 use wavepath_kernels::sampler::{Sampler, Stream};
 use wavepath_kernels::scene::lights::{Emitter, FlatRow, Light, LightList, LightTable, PointRow, SphereRow};
 use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
 use wavepath_kernels::scene::{
-    BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, Lens, MISS, MaterialTable,
-    Scene, SceneParts,
+    BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, Lens, MISS, MaterialClass,
+    MaterialHandle, MaterialTable, PrimitiveTag, Scene, SceneParts,
 };
+use wavepath_kernels::shade::materials::{Lambert, ThinDielectric};
 
 const BAD: [f32; 3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
 
@@ -181,36 +181,44 @@ fn filters_take_any_number() {
 #[test]
 fn scenes_whose_parts_do_not_fit_are_refused() {
     let mut materials = MaterialTable::default();
-    let handle = materials.add(&Lambert { reflectance: [0.5; 3].into() }).unwrap();
+    let lambert = materials.add(&Lambert { reflectance: [0.5; 3].into() }).unwrap();
+    let pane = materials.add(&ThinDielectric { eta: 1.5.into() }).unwrap();
     let lights = |material: u32| {
         let mut list = LightList::default();
         let emitter = Emitter { radiance: [1.0; 3], material, power: 1.0, ..Emitter::default() };
         list.push(emitter, Light::Sphere(SphereRow { centre: [0.0, 0.0, 3.0], radius: 1.0 }));
         LightTable::new(list).unwrap()
     };
-    let scene = |tags: [u32; 2], lights: LightTable, environment: [f32; 3]| {
+    let deep = |tags: [u32; 2], lights: LightTable, environment: [f32; 3], max_depth: u32| {
         Scene::new(SceneParts {
             camera: Camera::new(camera_parts()).unwrap(),
             geometry: Geometry::new(GeometryParts { tags: tags.to_vec(), ..parts() }).unwrap(),
             materials: materials.clone(),
             lights,
             environment,
-            max_depth: MAX_DEPTH,
+            max_depth,
         })
     };
-    use wavepath_kernels::scene::PrimitiveTag;
-    use wavepath_kernels::shade::materials::{Lambert, MaterialClass};
-    let lambert = PrimitiveTag::material(handle).0;
+    let scene = |tags, lights, environment| deep(tags, lights, environment, 5);
+    let tag = |class, row| PrimitiveTag::material(MaterialHandle { class, row }).0;
+    let (pane, lambert) = (pane.row, tag(lambert.class, lambert.row));
     let lamp = PrimitiveTag::light(MaterialClass::Lambert, 0).0;
     let good = scene([lambert, lamp], lights(0), [0.0; 3]).unwrap();
+    let endless = deep([lambert, lamp], lights(0), [0.0; 3], u32::MAX).expect_err("too deep");
+    assert!(matches!(endless, BuildError::TooMany { what: "bounces", .. }), "{endless}");
     assert_eq!(good.clone().id(), good.id());
     assert_ne!(scene([lambert, lamp], lights(0), [0.0; 3]).unwrap().id(), good.id());
     for (what, tags, table) in [
-        ("in row 1 of the materials", [lambert + 1, lamp], lights(0)),
+        // Within a row, behind the last one, and rows of other classes, which may be shorter.
+        ("primitive 0 refers to lambert in row 1 ", [lambert + 1, lamp], lights(0)),
+        ("lambert in row 4 ", [lambert + 4, lamp], lights(0)),
+        ("lambert in row 3 ", [lambert + pane, lamp], lights(0)),
+        ("thin_dielectric in row 0 ", [lambert, tag(MaterialClass::ThinDielectric, 0)], lights(0)),
         ("light 1", [lambert, lamp + 1], lights(0)),
         ("light 0", [lambert, lamp], LightTable::default()),
         ("material class", [u32::MAX, lamp], lights(0)),
-        ("in row 1 of the materials", [lambert, lamp], lights(1)),
+        ("primitive 1 refers to lambert in row 1 ", [lambert, lamp], lights(1)),
+        ("primitive 1 refers to lambert in row 3 ", [lambert, lamp], lights(pane)),
     ] {
         let error = scene(tags, table, [0.0; 3]).expect_err(what);
         assert!(error.to_string().contains(what), "{error}, not {what}");
