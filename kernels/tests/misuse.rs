@@ -14,8 +14,9 @@ use wavepath_kernels::scene::lights::{Emitter, FlatRow, Light, LightList, LightT
 use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
 use wavepath_kernels::scene::{
     BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, Lens, MISS, MaterialTable,
-    Scene, SceneParts,
+    PrimitiveTag, Scene, SceneParts,
 };
+use wavepath_kernels::shade::materials::Lambert;
 
 const BAD: [f32; 3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
 
@@ -180,7 +181,7 @@ fn filters_take_any_number() {
 #[test]
 fn scenes_whose_parts_do_not_fit_are_refused() {
     let mut materials = MaterialTable::default();
-    materials.push(wavepath_kernels::shade::lambert::row([0.5; 3]));
+    let lambert = materials.add(&Lambert { reflectance: [0.5; 3].into() }).unwrap();
     let lights = |material: u32| {
         let mut list = LightList::default();
         let emitter = Emitter { radiance: [1.0; 3], material, power: 1.0, ..Emitter::default() };
@@ -194,28 +195,37 @@ fn scenes_whose_parts_do_not_fit_are_refused() {
             materials: materials.clone(),
             lights,
             environment,
-            max_depth: u32::MAX,
+            max_depth: 5,
         })
     };
-    use wavepath_kernels::scene::{MaterialClass, PrimitiveTag};
-    let lambert = PrimitiveTag::material(MaterialClass::Lambert, 0).0;
-    let lamp = PrimitiveTag::light(MaterialClass::Lambert, 0).0;
-    let good = scene([lambert, lamp], lights(0), [0.0; 3]).unwrap();
-    assert!(good.max_depth() < u32::MAX);
+    let lamp = PrimitiveTag::light(lambert.class, 0).0;
+    let row = lambert.row;
+    let lambert = PrimitiveTag::material(lambert).0;
+    let good = scene([lambert, lamp], lights(row), [0.0; 3]).unwrap();
     assert_eq!(good.clone().id(), good.id());
-    assert_ne!(scene([lambert, lamp], lights(0), [0.0; 3]).unwrap().id(), good.id());
+    assert_ne!(scene([lambert, lamp], lights(row), [0.0; 3]).unwrap().id(), good.id());
     for (what, tags, table) in [
-        ("material 1", [lambert + 1, lamp], lights(0)),
-        ("light 1", [lambert, lamp + 1], lights(0)),
+        ("lambert", [lambert + 1, lamp], lights(row)),
+        ("light 1", [lambert, lamp + 1], lights(row)),
         ("light 0", [lambert, lamp], LightTable::default()),
-        ("material class", [u32::MAX, lamp], lights(0)),
-        ("light 0 refers to material 1", [lambert, lamp], lights(1)),
+        ("material class", [u32::MAX, lamp], lights(row)),
+        ("lambert", [lambert, lamp], lights(row + 1)),
+        ("lambert", [lambert, lamp], lights(u32::MAX)),
     ] {
         let error = scene(tags, table, [0.0; 3]).expect_err(what);
         assert!(error.to_string().contains(what), "{error}, not {what}");
     }
+    let deep = Scene::new(SceneParts {
+        camera: Camera::new(camera_parts()).unwrap(),
+        geometry: Geometry::default(),
+        materials: MaterialTable::default(),
+        lights: LightTable::default(),
+        environment: [0.0; 3],
+        max_depth: u32::MAX,
+    });
+    assert!(matches!(deep, Err(BuildError::TooMany { what: "bounces", .. })));
     for bad in BAD.into_iter().chain([-1.0]) {
-        assert!(scene([lambert, lamp], lights(0), [0.0, bad, 0.0]).is_err());
+        assert!(scene([lambert, lamp], lights(row), [0.0, bad, 0.0]).is_err());
     }
 }
 
