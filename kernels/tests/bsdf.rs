@@ -14,7 +14,7 @@ use wavepath_kernels::shade::bsdf::{Bsdf, BsdfSample};
 use wavepath_kernels::shade::fresnel;
 use wavepath_kernels::shade::materials::{
     Conductor, Dielectric, DiffuseTransmission, Lambert, Listed, Material, MaterialClass, MaterialError,
-    OrenNayar, RoughConductor, ThinDielectric,
+    Mirror, OrenNayar, RoughConductor, ThinDielectric,
 };
 use wavepath_kernels::shade::parameters::{BadParameter, Parameter, Parameters, TextureId};
 
@@ -316,8 +316,8 @@ fn furnaces_are_white() {
         assert!(s.valid && s.pdf == 0.0);
         assert_eq!(s.wi.lane(0), [-wo[0] as f32, -wo[1] as f32, wo[2] as f32]);
         // An ideal mirror reflects the same at every angle.
-        let mirror = bsdf::<ConductorMaterial, f32>(conductor::mirror_row([0.25, 0.5, 1.0]));
-        let s = mirror.sample(lanes(wo), [0.3, 0.8]);
+        let mirror = bsdf::<Mirror, f32>(Mirror { reflectance: [0.25, 0.5, 1.0].into() });
+        let s = mirror.sample(lanes(wo), 0.3, [0.3, 0.8]);
         assert_eq!((s.weight.lane(0), s.valid), ([0.25, 0.5, 1.0], true));
         assert_eq!(s.wi.lane(0), [-wo[0] as f32, -wo[1] as f32, wo[2] as f32]);
     }
