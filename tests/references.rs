@@ -431,9 +431,9 @@ fn cylinders_and_parts_of_them_give_their_irradiance() {
         ("mirrored and turned tube", format!("Scale -1 1 1 ReverseOrientation {tube}"), 0.0),
         (
             "scaled tube",
-            format!(
+            String::from(
                 "ReverseOrientation Translate 0 0 -1 Scale 5 5 15 \
-             Shape \"cylinder\" \"float radius\" .1 \"float zmin\" 0 \"float zmax\" .1"
+             Shape \"cylinder\" \"float radius\" .1 \"float zmin\" 0 \"float zmax\" .1",
             ),
             inside,
         ),
