@@ -482,8 +482,8 @@ pub struct StabilityArgs {
     pub case: Vec<String>,
 
     /// Engine that renders
-    #[arg(long, value_enum, default_value_t = Engine::Wavefront)]
-    pub engine: Engine,
+    #[arg(long, value_enum, default_value_t = EngineArg::Wavefront)]
+    pub engine: EngineArg,
 
     /// Instruction set [default: the best of this machine]
     #[arg(long, value_name = "SET", value_parser = parse::level)]

@@ -7,7 +7,7 @@ use crate::check;
 /// Prints what was found. Findings are no failure.
 pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
     let loaded = crate::pbrt::load(&args.scene).map_err(|error| Failure::Input(error.to_string()))?;
-    let report = check::check(&loaded, &args.scene.display().to_string());
+    let report = check::check(&args.scene.display().to_string(), &loaded);
     if args.json {
         output::say(serde_json::to_string_pretty(&report).expect("numbers and names"))
     } else {

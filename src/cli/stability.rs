@@ -6,8 +6,9 @@ use std::time::Instant;
 use wavepath_kernels::isa::Level;
 
 use super::args::StabilityArgs;
-use super::{Failure, output, render};
+use super::{Failure, output};
 use crate::atomic_file::write_whole;
+use crate::engine::EngineKind;
 use crate::machine;
 use crate::stability::table::Results;
 use crate::stability::{self, Case, Subject, page};
@@ -35,7 +36,7 @@ pub(super) fn run(args: &StabilityArgs) -> Result<(), Failure> {
     if !level.is_available() {
         return Err(Failure::Usage(format!("--isa {}: expected a set that this machine has", level.name())));
     }
-    let engine = render::engine_kind(args.engine);
+    let engine = EngineKind::from(args.engine);
     let subject = Subject { engine, level, leak_rays: args.rays, ..Subject::default() };
     let started = Instant::now();
     let rows = stability::run_all(&cases, &subject, |row| {

@@ -12,9 +12,8 @@ use std::f64::consts::PI;
 use wavepath_kernels::lanes::Uint;
 use wavepath_kernels::math::Vec3;
 use wavepath_kernels::scene::MaterialTable;
-use wavepath_kernels::shade::bsdf::{Bsdf, MaterialRow};
-use wavepath_kernels::shade::{LambertMaterial, Material, OrenNayarMaterial, RoughConductorMaterial};
-use wavepath_kernels::shade::{lambert, oren_nayar, rough_conductor};
+use wavepath_kernels::shade::bsdf::Bsdf;
+use wavepath_kernels::shade::materials::{Lambert, Material, OrenNayar, RoughConductor};
 
 const VALUE: Tolerance = Tolerance::relative(
     3e-4,
@@ -111,13 +110,18 @@ fn furnaces() -> Vec<Case> {
     cases
 }
 
-/// Largest |f(a, b) - f(b, a)| over their sum, for directions from the pole to the horizon.
-fn asymmetry<M: Material>(row: [f32; 8]) -> Computed {
-    const STEPS: [f32; 9] = [1.0, 0.999_9, 0.9, 0.5, 0.1, 1e-2, 1e-3, 1e-4, 1e-6];
+/// The lobes of a material, by way of the table.
+pub(super) fn lobes<M: Material>(material: &M) -> M::Bsdf<f32> {
     let mut table = MaterialTable::default();
-    let id = table.push(row);
+    let handle = table.add(material).expect("a material in its range");
     // SAFETY: the table has this material.
-    let bsdf: M::Bsdf<f32> = Bsdf::load(unsafe { MaterialRow::new(&table, Uint::splat(id)) });
+    M::bsdf::<f32>(unsafe { table.evaluate::<M, f32>(Uint::splat(handle.row)) })
+}
+
+/// Largest |f(a, b) - f(b, a)| over their sum, for directions from the pole to the horizon.
+fn asymmetry<M: Material>(material: &M) -> Computed {
+    const STEPS: [f32; 9] = [1.0, 0.999_9, 0.9, 0.5, 0.1, 1e-2, 1e-3, 1e-4, 1e-6];
+    let bsdf = lobes(material);
     let direction = |cos: f32, phi: f32| {
         let sin = (1.0 - cos * cos).max(0.0).sqrt();
         Vec3::new(sin * phi.cos(), sin * phi.sin(), cos)
@@ -128,8 +132,8 @@ fn asymmetry<M: Material>(row: [f32; 8]) -> Computed {
             for step in 0..12 {
                 let (a, b) = (direction(cos_a, 0.3), direction(cos_b, 0.3 + step as f32 * 0.55));
                 // Values are times the cosine of the second direction.
-                let ab = f64::from(bsdf.eval(a, b).x) / f64::from(cos_b);
-                let ba = f64::from(bsdf.eval(b, a).x) / f64::from(cos_a);
+                let ab = f64::from(bsdf.eval(a, b).r) / f64::from(cos_b);
+                let ba = f64::from(bsdf.eval(b, a).r) / f64::from(cos_a);
                 invalid += u64::from(!(ab.is_finite() && ba.is_finite()));
                 // Far out in the tail of a lobe values vanish, and so do their digits.
                 if ab + ba > 1e-20 {
@@ -150,24 +154,27 @@ fn reciprocity() -> Vec<Case> {
         "largest relative difference of f(a, b) and f(b, a)",
         0.0,
         tolerance(1e-6),
-        |_| asymmetry::<LambertMaterial>(lambert::row([0.7; 3])),
+        |_| asymmetry(&Lambert { reflectance: [0.7; 3].into() }),
     )];
-    for sigma in [10.0, 45.0, 90.0] {
+    for sigma in [10.0f32, 45.0, 90.0] {
         cases.push(Case::compute(
             format!("diffuse/reciprocity-oren-nayar-{sigma}"),
             "largest relative difference of f(a, b) and f(b, a)",
             0.0,
             tolerance(1e-6),
-            move |_| asymmetry::<OrenNayarMaterial>(oren_nayar::row([0.7; 3], sigma)),
+            move |_| asymmetry(&OrenNayar { reflectance: [0.7; 3].into(), sigma: sigma.into() }),
         ));
     }
-    for alpha in [0.01, 0.1, 1.0] {
+    for alpha in [0.01f32, 0.1, 1.0] {
         cases.push(Case::compute(
             format!("conductors/reciprocity-{alpha}"),
             "largest relative difference of f(a, b) and f(b, a)",
             0.0,
             tolerance(1e-5),
-            move |_| asymmetry::<RoughConductorMaterial>(rough_conductor::row([0.2; 3], [3.0; 3], alpha)),
+            move |_| {
+                let (eta, k) = ([0.2; 3].into(), [3.0; 3].into());
+                asymmetry(&RoughConductor { eta, k, alpha: alpha.into() })
+            },
         ));
     }
     cases

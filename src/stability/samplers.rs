@@ -10,14 +10,12 @@ use std::ops::RangeInclusive;
 use wavepath_kernels::lanes::Uint;
 use wavepath_kernels::math::{Vec3, cosine_hemisphere, uniform_disk, uniform_sphere};
 use wavepath_kernels::sampler::{Independent, Sampler, Sobol, Stream};
+use wavepath_kernels::scene::FilterAxis;
 use wavepath_kernels::scene::lights::{self, AllLights};
-use wavepath_kernels::scene::{FilterAxis, MaterialTable};
-use wavepath_kernels::shade::bsdf::{Bsdf, MaterialRow};
-use wavepath_kernels::shade::{
-    ConductorMaterial, DielectricMaterial, LambertMaterial, Material, OrenNayarMaterial,
-    RoughConductorMaterial, ThinDielectricMaterial,
+use wavepath_kernels::shade::bsdf::Bsdf;
+use wavepath_kernels::shade::materials::{
+    Conductor, Dielectric, Lambert, Material, Mirror, OrenNayar, RoughConductor, ThinDielectric,
 };
-use wavepath_kernels::shade::{conductor, dielectric, lambert, oren_nayar, rough_conductor, thin_dielectric};
 
 /// The ends and the middle of the unit interval.
 const ENDS: [f32; 5] = [0.0, 1.0 / 16_777_216.0, 0.5, 1.0 - 2.0 / 16_777_216.0, 1.0 - 1.0 / 16_777_216.0];
@@ -34,23 +32,33 @@ fn is_unit(v: Vec3<f32>) -> bool {
     UNIT.contains(&v.length2())
 }
 
+const WHITE: [f32; 3] = [1.0; 3];
+/// A metal, what reflects nothing, what reflects everything: index and absorption.
+const INDEX: ([f32; 3], [f32; 3]) = ([0.2, 1.0, 1e-12], [3.0, 0.0, 1.0]);
+
+fn rough(alpha: f32) -> Computed {
+    bad_samples(&RoughConductor { eta: INDEX.0.into(), k: INDEX.1.into(), alpha: alpha.into() }, false)
+}
+
+fn glass(eta: f32) -> Computed {
+    let (reflectance, transmittance) = (WHITE.into(), WHITE.into());
+    bad_samples(&Dielectric { eta: eta.into(), reflectance, transmittance }, true)
+}
+
 /// Bad samples of a material.
-fn bad_samples<M: Material>(row: [f32; 8], both_sides: bool) -> Computed {
-    let mut table = MaterialTable::default();
-    let id = table.push(row);
-    // SAFETY: the table has this material.
-    let bsdf: M::Bsdf<f32> = Bsdf::load(unsafe { MaterialRow::new(&table, Uint::splat(id)) });
+fn bad_samples<M: Material>(material: &M, both_sides: bool) -> Computed {
+    let bsdf = super::diffuse::lobes(material);
     let mut bad = 0;
     let signs: &[f32] = if both_sides { &[1.0, -1.0] } else { &[1.0] };
     for cos in COSINES {
         for sign in signs {
             let wo = Vec3::new((1.0 - cos * cos).sqrt(), 0.0, sign * cos);
             for u in each_u() {
-                let s = bsdf.sample(wo, u);
+                let s = bsdf.sample(wo, u[0], u);
                 if !s.valid {
                     continue;
                 }
-                let weight = [s.weight.x, s.weight.y, s.weight.z];
+                let weight = [s.weight.r, s.weight.g, s.weight.b];
                 let numbers = weight.iter().all(|w| w.is_finite() && *w >= 0.0);
                 let density = s.pdf.is_finite() && s.pdf >= 0.0 && s.eta_scale > 0.0;
                 bad += u64::from(!(numbers && density && is_unit(s.wi)));
@@ -74,7 +82,7 @@ fn bad_lights(scene: &Scene) -> Computed {
                     && s.pdf > 0.0
                     && s.pdf.is_finite()
                     && s.distance >= 0.0
-                    && s.radiance.x.is_finite();
+                    && s.radiance.r.is_finite();
                 bad += u64::from(!good);
             }
         }
@@ -89,35 +97,20 @@ pub fn cases() -> Vec<Case> {
     };
     let ends = |of: &str| format!("bad samples of {of} at the ends of the unit interval");
     let mut cases = vec![
-        count("ends-lambert", ends("Lambert"), || {
-            bad_samples::<LambertMaterial>(lambert::row([1.0; 3]), false)
-        }),
+        count("ends-lambert", ends("Lambert"), || bad_samples(&Lambert { reflectance: WHITE.into() }, false)),
         count("ends-oren-nayar", ends("Oren-Nayar"), || {
-            bad_samples::<OrenNayarMaterial>(oren_nayar::row([1.0; 3], 90.0), false)
+            bad_samples(&OrenNayar { reflectance: WHITE.into(), sigma: 90.0.into() }, false)
         }),
+        count("ends-mirror", ends("mirrors"), || bad_samples(&Mirror { reflectance: WHITE.into() }, false)),
         count("ends-conductor", ends("smooth conductors"), || {
-            bad_samples::<ConductorMaterial>(conductor::row([0.2, 1.0, 1e-12], [3.0, 0.0, 1.0]), false)
+            bad_samples(&Conductor { eta: INDEX.0.into(), k: INDEX.1.into() }, false)
         }),
-        count("ends-rough-1e-3", ends("rough conductors of alpha 1e-3"), || {
-            bad_samples::<RoughConductorMaterial>(
-                rough_conductor::row([0.2, 1.0, 1e-12], [3.0, 0.0, 1.0], 1e-3),
-                false,
-            )
-        }),
-        count("ends-rough-1", ends("rough conductors of alpha 1"), || {
-            bad_samples::<RoughConductorMaterial>(
-                rough_conductor::row([0.2, 1.0, 1e-12], [3.0, 0.0, 1.0], 1.0),
-                false,
-            )
-        }),
-        count("ends-glass", ends("glass"), || {
-            bad_samples::<DielectricMaterial>(dielectric::row(1.5, [1.0; 3], [1.0; 3]), true)
-        }),
-        count("ends-faint-glass", ends("glass of index 1 + 1e-6"), || {
-            bad_samples::<DielectricMaterial>(dielectric::row(1.000_001, [1.0; 3], [1.0; 3]), true)
-        }),
+        count("ends-rough-1e-3", ends("rough conductors of alpha 1e-3"), || rough(1e-3)),
+        count("ends-rough-1", ends("rough conductors of alpha 1"), || rough(1.0)),
+        count("ends-glass", ends("glass"), || glass(1.5)),
+        count("ends-faint-glass", ends("glass of index 1 + 1e-6"), || glass(1.000_001)),
         count("ends-thin-glass", ends("thin panes"), || {
-            bad_samples::<ThinDielectricMaterial>(thin_dielectric::row(1.5), true)
+            bad_samples(&ThinDielectric { eta: 1.5.into() }, true)
         }),
         count("ends-sphere-light", ends("spherical lamps"), || {
             bad_lights(&lit(&sphere([0.0, 0.0, 1.0], 0.5)))
