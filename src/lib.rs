@@ -10,6 +10,8 @@
 //! | [`picture`], [`report`], [`compare`] | image files, the record of a render, error measures |
 //! | [`converge`] | error against run time of several variants: figures, plots, a page |
 //! | [`mod@bench`] | measures engines against each other |
+//! | [`check`] | what in a scene is numerically dangerous, or probably a mistake |
+//! | [`stability`] | stiff and extreme cases with known answers |
 //! | [`tev`] | shows a render in a viewer while it goes on |
 //! | [`meshes`] | makes meshes by procedure |
 //! | [`memory`] | how much there is, and an orderly end where it runs out |
@@ -21,6 +23,7 @@
 
 pub mod atomic_file;
 pub mod bench;
+pub mod check;
 #[cfg(feature = "cli")]
 pub mod cli;
 mod colour_map;
@@ -39,6 +42,7 @@ pub mod progress;
 pub mod render;
 pub mod report;
 pub mod scene;
+pub mod stability;
 pub mod tev;
 mod time_span;
 

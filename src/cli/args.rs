@@ -474,6 +474,58 @@ pub enum ModelMaterial {
     Glass,
 }
 
+/// Arguments of `wavepath stability`.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct StabilityArgs {
+    /// Only cases whose name contains this; may be given more than once
+    #[arg(long, value_name = "NAME")]
+    pub case: Vec<String>,
+
+    /// Engine that renders
+    #[arg(long, value_enum, default_value_t = EngineArg::Wavefront)]
+    pub engine: EngineArg,
+
+    /// Instruction set [default: the best of this machine]
+    #[arg(long, value_name = "SET", value_parser = parse::level)]
+    pub isa: Option<wavepath_kernels::isa::Level>,
+
+    /// Rays aimed at edges and vertices, for each of nine closed meshes and four ways through the tree
+    #[arg(long, value_name = "N", default_value_t = 200_000)]
+    pub rays: usize,
+
+    /// Write a page, stability.html, and stability.json into this folder; it is made if it is missing
+    #[arg(short, long, value_name = "DIR")]
+    pub output: Option<PathBuf>,
+
+    /// Print one JSON object instead of a table
+    #[arg(long, conflicts_with = "markdown")]
+    pub json: bool,
+
+    /// Print tables in Markdown
+    #[arg(long)]
+    pub markdown: bool,
+
+    /// Print the names of the cases, and measure nothing
+    #[arg(long)]
+    pub list: bool,
+
+    /// Print errors and the table only
+    #[arg(long)]
+    pub quiet: bool,
+}
+
+/// Arguments of `wavepath check`.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct CheckArgs {
+    /// Scene to check, in pbrt's format
+    #[arg(value_name = "SCENE.pbrt")]
+    pub scene: PathBuf,
+
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// How paths are executed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum EngineArg {

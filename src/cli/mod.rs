@@ -8,6 +8,7 @@
 
 pub mod args;
 mod bench;
+mod check;
 mod compare;
 mod converge;
 mod convert;
@@ -19,6 +20,7 @@ pub mod output;
 mod parse;
 mod plan;
 mod render;
+mod stability;
 
 use clap::{Parser, Subcommand};
 
@@ -124,6 +126,10 @@ Examples:
   wavepath converge scene.pbrt --reference ref.exr --engines wavefront -o out
   wavepath converge scene.pbrt --external pbrt:90s:p.exr --reference r.exr -o d")]
     Converge(args::ConvergeArgs),
+    /// Look for what in a scene is numerically dangerous, or probably a mistake
+    Check(args::CheckArgs),
+    /// Measure stiff and extreme cases whose values are known
+    Stability(args::StabilityArgs),
 }
 
 impl Cli {
@@ -149,6 +155,8 @@ impl Cli {
             Command::Bench(args) => bench::run(args),
             Command::Compare(args) => compare::run(args),
             Command::Converge(args) => converge::run(args),
+            Command::Check(args) => check::run(args),
+            Command::Stability(args) => stability::run(args),
         }
     }
 }

@@ -8,10 +8,19 @@ use super::args::{Crop, Resolution};
 use crate::engine::wavefront::BATCHES;
 use crate::picture::MAX_PIXELS;
 use crate::time_span;
+use wavepath_kernels::isa::Level;
 
 /// A span of time: `30s`, `1m30s`, `2h`, `500ms`; a plain number counts seconds.
 pub fn duration(text: &str) -> Result<Duration, String> {
     time_span::parse(text)
+}
+
+/// An instruction set of this machine, by its name.
+pub fn level(text: &str) -> Result<Level, String> {
+    let names: Vec<&str> = Level::available().map(Level::name).collect();
+    Level::available().find(|level| level.name() == text).ok_or_else(|| {
+        format!("found \"{text}\"; expected a set that this machine has: {}", names.join(", "))
+    })
 }
 
 /// A size in pixels: `640x480`.

@@ -132,6 +132,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let scene = Scene::read(args.scene[0].display().to_string(), &options, || {
         let mut loaded = read(args, &outputs.voice)?;
         set_frame(&mut loaded.scene, &args.frame)?;
+        crate::check::add_severe(&mut loaded);
         Ok::<_, Failure>(loaded)
     })?;
     if !args.quiet {

@@ -19,7 +19,7 @@
 pub mod bias;
 pub mod csv;
 pub mod curve;
-mod escape;
+pub(crate) mod escape;
 pub mod experiment;
 pub mod external;
 mod figures;

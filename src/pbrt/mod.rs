@@ -65,6 +65,25 @@ pub struct Loaded {
     pub warnings: Vec<Diagnostic>,
     /// Every file that was read: the scene, included files, meshes, spectra.
     pub inputs: Vec<PathBuf>,
+    /// Where its shapes stand.
+    pub places: Places,
+}
+
+/// Where the shapes of a scene stand in its files.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Places {
+    /// Names of the scene files.
+    files: Vec<String>,
+    /// For each shape, the number of its file and its line.
+    shapes: Vec<(u32, u32)>,
+}
+
+impl Places {
+    /// File and line of a shape, for those that were read from a file. Of an instance, those of the instance.
+    pub fn shape(&self, number: usize) -> Option<(&str, u32)> {
+        let &(file, line) = self.shapes.get(number)?;
+        Some((self.files.get(file as usize)?, line))
+    }
 }
 
 /// Reads a scene file and all files that it refers to. A name that ends in `.gz` is decompressed. The scene may
@@ -183,5 +202,7 @@ fn load_as(
     let warnings =
         finished.warnings.iter().map(|problem| sources.render(problem, Severity::Warning)).collect();
     sources.inputs.extend(finished.inputs);
-    Ok(Loaded { scene: finished.scene, warnings, inputs: sources.inputs })
+    let shapes = finished.shape_spans.iter().map(|span| (span.file.0, span.line)).collect();
+    let places = Places { files: sources.names(), shapes };
+    Ok(Loaded { scene: finished.scene, warnings, inputs: sources.inputs, places })
 }

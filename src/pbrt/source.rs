@@ -129,6 +129,11 @@ impl Sources {
         foreign::explain(&self.sources[file.0 as usize].name, &beginning)
     }
 
+    /// Names of the scene files, in the order of their handles.
+    pub(crate) fn names(&self) -> Vec<String> {
+        self.sources.iter().map(|source| source.name.clone()).collect()
+    }
+
     fn locate(&self, span: Span) -> Location {
         let name = self.sources[span.file.0 as usize].name.clone();
         let from = span.line_start.max(span.start.saturating_sub(EXCERPT_WINDOW));

@@ -106,7 +106,8 @@ impl Scene {
         description: SceneDescription,
         options: &SceneOptions,
     ) -> Result<Scene, SceneError> {
-        let loaded = pbrt::Loaded { scene: description, warnings: Vec::new(), inputs: Vec::new() };
+        let (warnings, inputs, places) = Default::default();
+        let loaded = pbrt::Loaded { scene: description, warnings, inputs, places };
         Scene::read(name.into(), options, || Ok(loaded))
     }
 
@@ -120,7 +121,7 @@ impl Scene {
         read: impl FnOnce() -> Result<pbrt::Loaded, E>,
     ) -> Result<Scene, E> {
         let (started, meshes_before) = (Instant::now(), pbrt::reading_time());
-        let pbrt::Loaded { scene: mut description, warnings, inputs } = read()?;
+        let pbrt::Loaded { scene: mut description, warnings, inputs, places: _ } = read()?;
         // Several threads may read meshes, and together take longer than the clock.
         let reading = started.elapsed();
         let meshes = pbrt::reading_time().saturating_sub(meshes_before).min(reading);

@@ -9,7 +9,7 @@ mod sphere_part;
 
 pub use cylinder::Cylinder;
 pub use disk::Disk;
-pub use sphere_part::SpherePart;
+pub use sphere_part::{SpherePart, polar_angle};
 
 use super::error::{BuildError, finite};
 use glam::{DAffine3, DVec3};

@@ -171,7 +171,8 @@ impl Builder {
     pub(super) fn finish_materials(&mut self) -> Result<()> {
         let mut new_ids: HashMap<u32, MaterialId> = HashMap::new();
         let mut interface = None;
-        for mut shape in std::mem::take(&mut self.scene.shapes) {
+        let spans = std::mem::take(&mut self.shape_spans);
+        for (mut shape, span) in std::mem::take(&mut self.scene.shapes).into_iter().zip(spans) {
             let old = shape.material.0;
             shape.material = match new_ids.get(&old) {
                 Some(id) => *id,
@@ -190,6 +191,7 @@ impl Builder {
                                     MaterialId(self.scene.materials.len() as u32 - 1)
                                 });
                                 self.scene.shapes.push(Shape { material: through, ..shape });
+                                self.shape_spans.push(span);
                                 continue;
                             }
                             lamp => {
@@ -205,6 +207,7 @@ impl Builder {
                 }
             };
             self.scene.shapes.push(shape);
+            self.shape_spans.push(span);
         }
         Ok(())
     }

@@ -83,11 +83,14 @@ pub(crate) struct Finished {
     pub scene: SceneDescription,
     pub warnings: Vec<Problem>,
     pub inputs: Vec<PathBuf>,
+    /// Directive of each shape of the scene.
+    pub shape_spans: Vec<Span>,
 }
 
 /// A scene in the making.
 pub(crate) struct Builder {
     scene: SceneDescription,
+    shape_spans: Vec<Span>,
     dialect: Dialect,
     warnings: Vec<Problem>,
     suppressed_warnings: usize,
@@ -132,6 +135,7 @@ impl Builder {
         });
         Builder {
             scene: SceneDescription { max_depth: 5, ..SceneDescription::default() },
+            shape_spans: Vec::new(),
             dialect,
             warnings: Vec::new(),
             suppressed_warnings: 0,
@@ -599,7 +603,8 @@ impl Builder {
             self.warnings.push(problem);
         }
         self.final_warnings();
-        Ok(Finished { scene: self.scene, warnings: self.warnings, inputs: self.inputs })
+        let Builder { scene, warnings, inputs, shape_spans, .. } = self;
+        Ok(Finished { scene, warnings, inputs, shape_spans })
     }
 
     /// Everything there is to say after an error: mistakes that were found before it, and what is lacking.

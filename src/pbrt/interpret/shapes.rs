@@ -226,6 +226,7 @@ impl Builder {
                 )
             }
         };
+        self.shape_spans.push(span);
         self.scene.shapes.push(Shape {
             geometry,
             material: shape.material,

@@ -59,8 +59,14 @@ impl QuadricSurface for SpherePart {
     }
     fn point(&self, u: f64, v: f64) -> DVec3 {
         let [radius, z_min, z_max, phi_max] = self.numbers().map(f64::from);
-        let [low, high] = [z_min, z_max].map(|z| (z / radius).clamp(-1.0, 1.0).acos());
+        let [low, high] = [z_min, z_max].map(|z| polar_angle(z, radius));
         let (theta, phi) = (low + u * (high - low), v * phi_max);
         radius * DVec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos())
     }
+}
+
+/// Polar angle of the points at height `z` on a sphere around the origin. Heights beyond the poles, where rounding may put
+/// them, count as the poles.
+pub fn polar_angle(z: f64, radius: f64) -> f64 {
+    (z / radius).clamp(-1.0, 1.0).acos()
 }
