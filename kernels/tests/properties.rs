@@ -57,7 +57,7 @@ fn two() -> impl Strategy<Value = [f32; 2]> {
 }
 /// A direction above the surface, grazing ones often.
 fn above() -> impl Strategy<Value = [f32; 3]> {
-    let cos = prop_oneof![3 => (1e-3f64..1.0), 1 => (1e-10f64.ln()..0.0).prop_map(f64::exp), 1 => Just(1.0)];
+    let cos = prop_oneof![3 => 1e-3f64..1.0, 1 => (1e-10f64.ln()..0.0f64).prop_map(f64::exp), 1 => Just(1.0)];
     (cos, 0.0..TAU).prop_map(|(cos, phi)| {
         let sin = (1.0 - cos * cos).sqrt();
         [(sin * phi.cos()) as f32, (sin * phi.sin()) as f32, cos as f32]
