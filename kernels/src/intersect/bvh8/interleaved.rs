@@ -26,7 +26,7 @@ impl Bvh8<'_> {
             }
             return;
         }
-        self.fit(stack, IN_FLIGHT);
+        self.fit(stack);
         let (nodes, distances) = (stack.nodes.as_mut_ptr(), stack.distances.as_mut_ptr());
         let idle = Walk::new(Child(0), [0.0; 3], [0.0, 0.0, 1.0], Hit::none(0.0));
         let mut rays = [(0usize, idle); IN_FLIGHT];

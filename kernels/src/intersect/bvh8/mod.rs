@@ -123,13 +123,15 @@ impl Bvh8<'_> {
         core::ptr::eq(self.geometry, geometry)
     }
 
-    /// Sees to it that a stack has room for `rays` rays at a time, or for packets: one of another tree may be shorter.
+    /// Sees to it that a stack has room for rays in flight and for packets: one of another tree may be shorter.
     #[inline(always)]
-    fn fit(&self, stack: &mut TraversalStack, rays: usize) {
-        let room = stack.nodes.len().min(stack.distances.len());
-        if room < rays * self.stack || stack.lanes.len().min(stack.packets.len()) < self.stack {
+    fn fit(&self, stack: &mut TraversalStack) {
+        // The columns are made together, in `stack`, and keep their lengths: one of them tells of all.
+        if stack.lanes.len() < self.stack {
             self.renew_stack(stack);
         }
+        debug_assert!(stack.nodes.len() >= IN_FLIGHT * self.stack && stack.packets.len() >= self.stack);
+        debug_assert_eq!(stack.nodes.len(), stack.distances.len());
     }
     #[cold]
     #[inline(never)]

@@ -74,7 +74,7 @@ impl Bvh8<'_> {
         if self.nodes.is_empty() {
             return hit;
         }
-        self.fit(stack, 1);
+        self.fit(stack);
         let mut ray = Walk::new(start, origin, direction, hit);
         let waiting = Waiting { nodes: stack.nodes.as_mut_ptr(), distances: stack.distances.as_mut_ptr() };
         // SAFETY: the stack has room for `self.stack` entries.

@@ -49,7 +49,7 @@ impl Bvh8<'_> {
         }
         let bounds = Bounds::new(&packets);
         let (near, reach) = (bounds.near(), furthest.largest());
-        self.fit(stack, 1);
+        self.fit(stack);
         let waiting = stack.lanes.as_mut_ptr();
         let mut held = 0usize;
         // Rays that have met nothing, and those of them that are in the current node.

@@ -65,7 +65,7 @@ impl Bvh8<'_> {
         let near = bounds.near();
         // The largest of them.
         let mut reach = f32::INFINITY;
-        self.fit(stack, 1);
+        self.fit(stack);
         let waiting = stack.packets.as_mut_ptr();
         let mut held = 0usize;
         let mut current = Child(0);
