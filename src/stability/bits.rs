@@ -81,7 +81,7 @@ fn differing(text: &str, choice: Choice, level: Level) -> Computed {
     let scene = Scene::parse(text).expect("the battery's own scene");
     // Fused sets agree with each other, the baseline with itself.
     let of = choice.level.unwrap_or(level);
-    let reference = if of == Level::Baseline { Level::Baseline } else { level };
+    let reference = if of == Level::BASELINE { Level::BASELINE } else { level };
     let (a, b) = (pixels(&scene, PLAIN, reference), pixels(&scene, choice, level));
     let bits = |p: &[f32; 3]| p.map(f32::to_bits);
     (a.iter().zip(&b).filter(|(a, b)| bits(a) != bits(b)).count() as f64).into()
