@@ -14,8 +14,7 @@ const REFLECTED: Tolerance =
     Tolerance::relative(2e-3, "noise of choosing a side: of rare reflections, four million paths know 1e-5")
         .and(2e-5);
 const FORMULA: Tolerance =
-    Tolerance::relative(1e-4, "roundings of the index over its distance from 1, and of 1 itself").and(1e-7); roundings of the index over its distance from 1")
-        .and(2e-6);
+    Tolerance::relative(1e-4, "roundings of the index over its distance from 1, and of 1 itself").and(1e-7);
 const FURNACE: Tolerance = Tolerance::relative(1e-4, "paths of 1000 bounces and more");
 const SHEET: Tolerance = Tolerance::relative(3e-3, "noise of choosing a side");
 
