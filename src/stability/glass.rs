@@ -11,8 +11,10 @@ use super::{Case, Computed, Tolerance, exact};
 use wavepath_kernels::shade::fresnel;
 
 const REFLECTED: Tolerance =
-    Tolerance::relative(2e-3, "noise of choosing a side; roundings of the index over its distance from 1")
-        .and(2e-6);
+    Tolerance::relative(2e-3, "noise of choosing a side: of rare reflections, four million paths know 1e-5")
+        .and(2e-5);
+const FORMULA: Tolerance =
+    Tolerance::relative(1e-4, "roundings of the index over its distance from 1, and of 1 itself").and(1e-7);
 const FURNACE: Tolerance = Tolerance::relative(1e-4, "paths of 1000 bounces and more");
 const SHEET: Tolerance = Tolerance::relative(3e-3, "noise of choosing a side");
 
@@ -49,12 +51,25 @@ fn interfaces() -> Vec<Case> {
                 .sky(1.0)
                 .block(format!("{}\n{}", glass(eta), floor(0.0, 3.0)))
                 .block(format!("{}\n{}", diffuse(0.0), floor(-0.1, 1e4)));
-            cases.push(Case::picture(
-                format!("glass/interface-{name}-{theta}"),
-                format!("reflectance of an interface of index {name} at {theta} degrees"),
-                scene.end(),
-                exact::fresnel(theta.to_radians(), eta),
-                REFLECTED,
+            cases.push(
+                Case::picture(
+                    format!("glass/interface-{name}-{theta}"),
+                    format!("reflectance of an interface of index {name} at {theta} degrees"),
+                    scene.end(),
+                    exact::fresnel(theta.to_radians(), eta),
+                    REFLECTED,
+                )
+                .spp(1024),
+            );
+            // The formula alone, without noise, for the cosine as single precision has it.
+            let cos = theta.to_radians().cos() as f32;
+            let right = exact::fresnel(f64::from(cos).acos(), f64::from(eta as f32));
+            cases.push(Case::compute(
+                format!("glass/formula-{name}-{theta}"),
+                format!("the formula's reflectance for index {name} at {theta} degrees"),
+                right,
+                FORMULA,
+                move |_| f64::from(fresnel::dielectric::<f32>(cos, eta as f32).0),
             ));
         }
     }
@@ -156,13 +171,16 @@ fn sheets() -> Vec<Case> {
             .block(format!("{}\n{}", glass(1.5), floor(half, 1.0)))
             .block(format!("{}\n{}", glass(1.5), ceiling(-half, 1.0)))
             .block(&black);
-        cases.push(Case::picture(
-            format!("glass/sheet-1e-{k}"),
-            format!("a sheet of glass 1e-{k} thick over black, at {theta} degrees"),
-            scene.end(),
-            exact::pane(exact::fresnel(f64::to_radians(theta), 1.5)),
-            SHEET,
-        ));
+        cases.push(
+            Case::picture(
+                format!("glass/sheet-1e-{k}"),
+                format!("a sheet of glass 1e-{k} thick over black, at {theta} degrees"),
+                scene.end(),
+                exact::pane(exact::fresnel(f64::to_radians(theta), 1.5)),
+                SHEET,
+            )
+            .spp(1024),
+        );
     }
     for (name, eta) in [("1", 1.0), ("1.5", 1.5), ("10", 10.0), ("1+1e-6", INDICES[1].1)] {
         for theta in [0.0, 60.0, 89.9f64] {
@@ -172,13 +190,16 @@ fn sheets() -> Vec<Case> {
                 .sky(1.0)
                 .block(format!("Material \"thindielectric\" \"float eta\" [{eta:e}]\n{}", floor(0.0, 3.0)))
                 .block(format!("{}\n{}", diffuse(0.0), floor(-0.1, 1e4)));
-            cases.push(Case::picture(
-                format!("glass/thin-{name}-{theta}"),
-                format!("thin pane of index {name} over black, at {theta} degrees"),
-                scene.end(),
-                exact::pane(exact::fresnel(theta.to_radians(), eta)),
-                SHEET.and(2e-6),
-            ));
+            cases.push(
+                Case::picture(
+                    format!("glass/thin-{name}-{theta}"),
+                    format!("thin pane of index {name} over black, at {theta} degrees"),
+                    scene.end(),
+                    exact::pane(exact::fresnel(theta.to_radians(), eta)),
+                    SHEET.and(2e-5),
+                )
+                .spp(1024),
+            );
         }
     }
     cases

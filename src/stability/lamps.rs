@@ -133,8 +133,7 @@ fn inside() -> Vec<Case> {
     let mut cases = Vec::new();
     for (name, material, expected) in &materials {
         for radius in [0.5, 0.999, 0.999_999] {
-            // The camera is between the ball and the lamp only where there is room; else it looks at the ball from a hole:
-            // from inside the ball of a lamp around both would be dark. So it looks from half-way to the lamp.
+            // The camera is half-way between the ball and the lamp.
             let eye = 0.5 * (1.0 + radius);
             let scene = Text::look([0.0, 0.0, eye], [0.0; 3], 20.0)
                 .depth(200)
