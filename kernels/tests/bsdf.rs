@@ -475,6 +475,34 @@ fn fresnel_of_conductors() {
     }
 }
 
+/// Indices whose fourth power single precision does not hold, and none at all: reflectances are numbers from 0 to 1, and
+/// right.
+#[test]
+fn fresnel_of_extreme_conductors() {
+    let magnitudes = [0.0, 1e-12, 1e-6, 1.0, 1e6, 1e9, 1e10, 1e15, 1e30];
+    for (eta, k) in magnitudes.into_iter().flat_map(|eta| magnitudes.map(|k| (eta, k))) {
+        for cos in [0.0f32, 0.1, 0.5, 0.9, 0.999, 1.0] {
+            let fast = fresnel::conductor(cos, Rgb::all(eta), Rgb::all(k)).r;
+            assert!((0.0..=1.0 + 1e-6).contains(&fast), "cos {cos}, eta {eta}, k {k}: {fast}");
+            let oracle = complex_fresnel(cos as f64, eta as f64, k as f64);
+            // Light that does not feel the surface, along it, and none that could be refracted: 0 over 0.
+            if oracle.is_finite() && cos > 0.0 && (eta > 0.0 || k > 0.0) {
+                let bound = if eta < 1e-3 && k < 1e-3 { 1e-3 } else { 1e-5 };
+                assert!(
+                    (fast as f64 - oracle).abs() < bound,
+                    "cos {cos}, {eta} + {k} i: {fast}, not {oracle}"
+                );
+            }
+        }
+    }
+    for cos in [1e-3f32, 0.3, 0.7, 0.95, 1.0] {
+        assert!(
+            fresnel::conductor(cos, Rgb::all(1.0), Rgb::all(0.0)).r < 1e-6,
+            "nothing is there to reflect"
+        );
+    }
+}
+
 const TINTS: ([f32; 3], [f32; 3]) = ([1.0, 0.5, 0.25], [0.9, 0.8, 0.125]);
 
 fn assert_dielectric<F: Scalar>(eta: f64, cos: f64, rounding: f64) {

@@ -91,9 +91,12 @@ impl Light {
             SphereArea(centre, radius) => lights::Light::SphereArea(SphereRow { centre, radius }),
             Tube(row) => lights::Light::Cylinder(row),
             Triangle(corner, first, second) | Disk(corner, first, second) => {
-                let parallelogram = length(cross(wide(first), wide(second)));
-                let row =
-                    |share: f64| FlatRow { corner, first, second, area: (parallelogram * share) as f32 };
+                let across = cross(wide(first), wide(second));
+                let (parallelogram, normal) = (length(across), narrow(normalize(across)));
+                let row = |share: f64| {
+                    let area = (parallelogram * share) as f32;
+                    FlatRow { corner, first, second, area, normal }
+                };
                 match shape {
                     Triangle(..) => lights::Light::Triangle(row(0.5)),
                     _ => lights::Light::Disk(row(PI)),

@@ -5,7 +5,7 @@ use super::description as d;
 use glam::{DAffine3, DMat3, DVec3};
 use wavepath_kernels::scene::lights::{
     CylinderRow, DistantRow, Emitter, FlatRow, GoniometricRow, Light, LightList, LightTable, PointRow,
-    SphereRow, StretchedSpotRow, fade, goniometric,
+    SphereRow, StretchedSpotRow, fade, goniometric, kind,
 };
 use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
 use wavepath_kernels::scene::{
@@ -83,6 +83,7 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
         built: Vec::new(),
         geometry: GeometryParts::default(),
         lights: LightList::default(),
+        lamp_power: 0.0,
     };
     check(description)?;
     builder.check_size()?;
@@ -91,7 +92,7 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
     builder.spheres();
     builder.quadrics()?;
     let geometry = Geometry::new(std::mem::take(&mut builder.geometry))?;
-    builder.lights_without_surface(scene_radius(&geometry));
+    builder.lights_without_surface();
     let environment = description.lights.iter().fold([0.0; 3], |sum, light| match light {
         d::Light::Infinite { radiance } => core::array::from_fn(|k| sum[k] + radiance[k]),
         _ => sum,
@@ -199,6 +200,8 @@ struct Builder<'a> {
     built: Vec<MaterialHandle>,
     geometry: GeometryParts,
     lights: LightList,
+    /// Of the lights so far that can be sampled and have a power.
+    lamp_power: f64,
 }
 
 /// The scale of a transform that keeps angles, if it is one.
@@ -297,6 +300,9 @@ impl Builder<'_> {
             material: material.row,
             power: brightness(radiance) * area * sides * std::f64::consts::PI,
         };
+        if light.kind().bit() & kind::SAMPLED != 0 {
+            self.lamp_power += emitter.power;
+        }
         let id = self.lights.push(emitter, light);
         PrimitiveTag::light(material.class, id)
     }
@@ -367,12 +373,12 @@ impl Builder<'_> {
         self.geometry.planes.push([n.x, n.y, n.z, distance as f32]);
         let tag = match Self::emission(shape) {
             Some(emission) if area > 0.0 => {
-                let (a, b) = if turned { (p[2], p[1]) } else { (p[1], p[2]) };
                 let row = FlatRow {
                     corner: p[0].as_vec3().into(),
-                    first: (a - p[0]).as_vec3().into(),
-                    second: (b - p[0]).as_vec3().into(),
+                    first: (p[1] - p[0]).as_vec3().into(),
+                    second: (p[2] - p[0]).as_vec3().into(),
                     area: area as f32,
+                    normal: n.into(),
                 };
                 self.emitter(shape, emission, area, Light::Triangle(row))
             }
@@ -459,18 +465,17 @@ impl Builder<'_> {
         match shape.geometry {
             d::Geometry::Disk { height, radius, inner_radius: 0.0, phi_max, .. } if phi_max >= 360.0 => {
                 let centre = world.transform_point3(DVec3::new(0.0, 0.0, height)).as_vec3();
-                let mut x = world.transform_vector3(DVec3::X * radius);
-                let mut y = world.transform_vector3(DVec3::Y * radius);
-                let normal = world.matrix3.inverse().transpose() * DVec3::Z;
-                if (x.cross(y).dot(normal) < 0.0) != shape.flip_normal {
-                    std::mem::swap(&mut x, &mut y);
-                }
+                let x = world.transform_vector3(DVec3::X * radius);
+                let y = world.transform_vector3(DVec3::Y * radius);
+                let side = if shape.flip_normal { -1.0 } else { 1.0 };
+                let normal = (world.matrix3.inverse().transpose() * DVec3::Z).normalize() * side;
                 let area = std::f64::consts::PI * x.cross(y).length();
                 let row = FlatRow {
                     corner: centre.into(),
                     first: x.as_vec3().into(),
                     second: y.as_vec3().into(),
                     area: area as f32,
+                    normal: normal.as_vec3().into(),
                 };
                 self.emitter(shape, emission, area, Light::Disk(row))
             }
@@ -493,8 +498,13 @@ impl Builder<'_> {
         }
     }
 
-    /// Lights without a surface, in a scene of a certain radius.
-    fn lights_without_surface(&mut self, radius: f64) {
+    /// Lights without a surface.
+    ///
+    /// A distant light has no power: how much of it there is depends on how far the floor goes on, seen or not. Beside
+    /// lamps, the distant lights together are chosen half of the time, in the ratio of their brightness: no more than
+    /// twice as rarely as they should be, nor the lamps.
+    fn lights_without_surface(&mut self) {
+        let mut lights = Vec::new();
         for light in &self.description.lights {
             let (radiance, power, light) = match *light {
                 d::Light::Infinite { .. } => continue,
@@ -553,29 +563,28 @@ impl Builder<'_> {
                 }
                 d::Light::Distant { radiance, direction } => {
                     let row = DistantRow { direction: (-direction).as_vec3().into() };
-                    (
-                        radiance,
-                        brightness(radiance) * std::f64::consts::PI * radius * radius,
-                        Light::Distant(row),
-                    )
+                    (radiance, brightness(radiance), Light::Distant(row))
                 }
             };
             if radiance != [0.0; 3] {
-                self.lights.push(Emitter { radiance, two_sided: false, material: 0, power }, light);
+                lights.push((Emitter { radiance, two_sided: false, material: 0, power }, light));
             }
         }
+        let mut brightness = 0.0;
+        for (emitter, light) in &lights {
+            match light {
+                Light::Distant(_) => brightness += emitter.power,
+                _ => self.lamp_power += emitter.power,
+            }
+        }
+        let share = self.lamp_power / brightness;
+        for (mut emitter, light) in lights {
+            if matches!(light, Light::Distant(_)) && share > 0.0 && share.is_finite() {
+                emitter.power *= share;
+            }
+            self.lights.push(emitter, light);
+        }
     }
-}
-
-/// Radius of a sphere around the bounding box of all primitives, at least a little above 0.
-fn scene_radius(geometry: &Geometry) -> f64 {
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for p in 0..geometry.primitives() as u32 {
-        let (a, b) = wavepath_kernels::intersect::bounds(geometry, p);
-        low = low.min(DVec3::from(a.map(f64::from)));
-        high = high.max(DVec3::from(b.map(f64::from)));
-    }
-    if low.x <= high.x { (0.5 * (high - low).length()).max(1e-30) } else { 1.0 }
 }
 
 #[cfg(test)]

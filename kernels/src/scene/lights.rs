@@ -301,7 +301,7 @@ row! {
 }
 
 row! {
-    /// A triangle or a disk. The cross product of the edges is on the emitting side.
+    /// A triangle or a disk.
     FlatRow FlatLanes {
         /// Corner of a triangle, centre of a disk.
         corner: [f32; 3],
@@ -311,6 +311,9 @@ row! {
         second: [f32; 3],
         /// Area.
         area: f32,
+        /// Unit normal on the emitting side. A column of its own: in single precision the cross product of the edges
+        /// loses it for slender triangles, and its square leaves the range of numbers for large and small ones.
+        normal: [f32; 3],
     }
 }
 
@@ -595,7 +598,7 @@ fn sample_flat<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> Ligh
     let disk = light.is(kind::DISK);
     let (a, b) = (F::select(disk, x, a), F::select(disk, y, b));
     let point = e1.mul_add(a, e2.mul_add(b, flat.corner()));
-    towards_point(light, origin, point, e1.cross(e2).normalize(), flat.area())
+    towards_point(light, origin, point, flat.normal(), flat.area())
 }
 
 /// The sample at `point`, chosen uniformly from `area`.

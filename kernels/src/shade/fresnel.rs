@@ -23,7 +23,11 @@ pub fn dielectric<F: Real>(cos_i: F, eta: F) -> (F, F, F::Mask) {
 /// Reflectance of a conductor of complex index eta + i k, one channel.
 #[inline(always)]
 fn conductor_channel<F: Real>(cos_i: F, eta: F, k: F) -> F {
-    // Born and Wolf, section 14.4.1, in the form of Lagarde (2013): exact, with real arithmetic only.
+    // Born and Wolf, section 14.4.1, in the form of Lagarde (2013): exact, with real arithmetic only. Fourth powers of
+    // the index occur; beyond 1e9 the reflectance is 1 to within 4e-9, so larger ones do not matter, and these do not
+    // overflow. What is divided by is 0 where the index is 1 (or 0) and the light grazes (or does not).
+    let tiny = F::lit(1e-30);
+    let (eta, k) = (eta.min(F::lit(1e9)), k.min(F::lit(1e9)));
     let cos2 = cos_i * cos_i;
     let sin2 = F::one() - cos2;
     let (eta2, k2) = (eta * eta, k * k);
@@ -33,12 +37,13 @@ fn conductor_channel<F: Real>(cos_i: F, eta: F, k: F) -> F {
     // a^2 = (a2_plus_b2 + t0) / 2, which cancels where t0 < 0 (all good mirrors): there a^2 b^2 = eta^2 k^2 over
     // b^2 = (a2_plus_b2 - t0) / 2.
     let larger2 = F::lit(0.5) * (a2_plus_b2 + t0.abs());
-    let a = F::select(t0.lt(F::zero()), eta2 * k2 / larger2, larger2).sqrt();
+    let a = F::select(t0.lt(F::zero()), eta2 * k2 / larger2.max(tiny), larger2).sqrt();
     let t2 = F::lit(2.0) * cos_i * a;
-    let rs = (t1 - t2) / (t1 + t2);
+    // Both numerators are squares of magnitudes; where they are 0 (index 1), rounding makes them -1e-9.
+    let rs = (t1 - t2).max(F::zero()) / (t1 + t2).max(tiny);
     let t3 = cos2.mul_add(a2_plus_b2, sin2 * sin2);
     let t4 = t2 * sin2;
-    let rp = rs * (t3 - t4) / (t3 + t4);
+    let rp = rs * (t3 - t4).max(F::zero()) / (t3 + t4).max(tiny);
     F::lit(0.5) * (rp + rs)
 }
 

@@ -175,7 +175,8 @@ fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
     let pdf_light = towards.pdf * light.probability();
     let weight = power_heuristic(pdf_light, bsdf.pdf(wo_local, wi_local));
     let weight = F::select(towards.delta, F::one(), weight);
-    let radiance = vertex.throughput * value * towards.radiance.scale(weight / pdf_light);
+    // The reflected share first: radiance over a small density may leave the range of numbers, and times 0 be none.
+    let radiance = vertex.throughput * value.scale(weight / pdf_light) * towards.radiance;
     // Rays that bring nothing are not traced; what is not a number is, so that it shows and is counted.
     let nothing = radiance.sum().le(F::zero());
     let valid = towards.valid & !nothing;
