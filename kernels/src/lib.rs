@@ -7,6 +7,7 @@
 //! | [`lanes`], [`isa`] | number types of 1 to 16 lanes, and the choice of instruction set at run time |
 //! | [`math`], [`sampler`] | vectors, frames, random numbers |
 //! | [`scene`], [`queue`] | the tables that kernels read, the queues that they read and write |
+//! | [`channels`] | what a film holds of each pixel, and what fills it at a first hit |
 //! | [`generate`] | stage: camera rays |
 //! | [`intersect`] | stage: closest hits |
 //! | [`material_sort`] | stage: index lists by material |
@@ -20,6 +21,7 @@
 // Kernels name their columns one by one.
 #![allow(clippy::too_many_arguments)]
 
+pub mod channels;
 pub mod generate;
 pub mod huge;
 pub mod intersect;

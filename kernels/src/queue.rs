@@ -4,6 +4,7 @@
 //! A queue belongs to one worker, is allocated once and never grows. Columns are padded by [`PAD`] elements, so that
 //! kernels may write whole vectors past the last element.
 
+use crate::channels::{ChannelSet, ChannelTable};
 use crate::lanes::Uint;
 use crate::sampler::Stream;
 
@@ -36,6 +37,8 @@ pub struct Requirements {
     pub light_sampling: bool,
     /// See [`Needs::FilterWeights`].
     pub filter_weights: bool,
+    /// What the film holds beside radiance.
+    pub channels: ChannelSet,
 }
 
 impl Requirements {
@@ -224,5 +227,6 @@ pub fn bytes_per_path(requirements: Requirements) -> (usize, usize) {
             _ => path += column.bytes,
         }
     }
+    path += ChannelTable::columns(requirements.channels).count() * size_of::<f32>();
     (path, shadow)
 }

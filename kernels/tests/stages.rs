@@ -16,7 +16,13 @@ use wavepath_kernels::sampler::{Sobol, stream_seed};
 use wavepath_kernels::scene::{Camera, CameraParts, Filter, FilterAxis, MISS, MaterialClass, PrimitiveTag};
 
 fn all() -> Requirements {
-    Requirements { transmission: true, smooth_normals: true, light_sampling: true, filter_weights: true }
+    Requirements {
+        transmission: true,
+        smooth_normals: true,
+        light_sampling: true,
+        filter_weights: true,
+        ..Requirements::default()
+    }
 }
 
 #[test]
