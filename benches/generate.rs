@@ -17,7 +17,7 @@ fn generate(c: &mut Criterion) {
     group.throughput(Throughput::Elements(DEFAULT_BATCH as u64));
     for (name, lens) in [("cornell", "pinhole"), ("depth-of-field", "lens")] {
         let loaded = Loaded::shipped(name);
-        let (film, requirements) = (loaded.film(64), loaded.plan.requirements());
+        let (film, requirements) = (loaded.film(), loaded.plan.requirements());
         let mut paths = PathQueue::new(DEFAULT_BATCH, requirements);
         let mut slots = SlotTable::new(DEFAULT_BATCH, requirements);
         let free: Vec<u32> = (0..DEFAULT_BATCH as u32).collect();
@@ -30,8 +30,8 @@ fn generate(c: &mut Criterion) {
                 level.run(Generate::<Sobol> {
                     camera: loaded.scene.camera(),
                     batch: Batch {
-                        block: &film.blocks[turn % 64],
-                        image_width: film.image_width,
+                        block: &film.blocks()[turn % 64],
+                        image_width: film.image_width(),
                         seed: 1,
                         replicate: 0,
                         first_sample: 16 * (turn / 64) as u32,

@@ -18,7 +18,7 @@ const SPP: u32 = 16;
 fn render(c: &mut Criterion) {
     for loaded in [Loaded::shipped("cornell"), Loaded::knot(Lamp::Ball)].map(|loaded| loaded.sized(96, 96)) {
         let mut group = c.benchmark_group(format!("render/{}", loaded.name));
-        group.throughput(Throughput::Elements(loaded.film(SPP).pixels() * SPP as u64));
+        group.throughput(Throughput::Elements(loaded.film().pixels() * SPP as u64));
         for (name, engine) in [
             ("wavefront", EngineKind::Wavefront),
             ("megakernel", EngineKind::Megakernel),
@@ -38,7 +38,7 @@ fn render(c: &mut Criterion) {
             group.bench_function(name, |b| {
                 b.iter_custom(|times| {
                     let one = || {
-                        let film = loaded.film(SPP);
+                        let film = loaded.film();
                         let stop = Stop { spp: Some(SPP), time: None, interrupted: Default::default() };
                         let watch = |_: &_| {};
                         engine::render(&loaded.scene, &loaded.plan, &tree, &film, &settings, stop, watch)

@@ -271,6 +271,8 @@ fn what_cannot_be_done_is_refused_with_status_2() {
         (vec!["render", scene, "--threads", "0"], vec!["--threads"]),
         (vec!["render", scene, "--batch", "3"], vec!["--batch"]),
         (vec!["render", scene, "--engine", "gpu"], vec!["wavefront"]),
+        (vec!["render", scene, "--aov", "depht"], vec!["--aov", "depth"]),
+        (vec!["render", scene, "-o", "a.png", "--aov", "depth"], vec!["--aov", "a.png", ".exr"]),
         (vec!["render"], vec!["SCENE.pbrt"]),
         (vec!["paint"], vec!["paint"]),
         (vec!["plan", "broken.pbrt"], vec!["broken.pbrt:2:"]),
@@ -360,6 +362,7 @@ fn the_plan_leaves_out_what_the_scene_lacks() {
         ("shade: environment", false),
         ("light_sample", true),
         ("roulette_compact", true),
+        ("channel: depth", false),
     ] {
         assert_eq!(runs(&spheres, name), expected, "two-spheres: {name}");
     }
@@ -406,6 +409,23 @@ fn the_plan_is_readable() {
     for line in ["left out  intersect: triangles", "runs      intersect: spheres", "bytes a path"] {
         assert!(told.contains(line), "{told}");
     }
+}
+
+/// A channel that is asked for is in the file under its layer's name, beside the colours; without, there is none.
+#[test]
+fn channels_are_layers_of_the_file() {
+    let scratch = Scratch::new("aov");
+    let names = |more: &[&str]| -> Vec<String> {
+        let scene = shipped("two-spheres.pbrt");
+        let arguments = ["render", &scene, "-o", "a.exr", "--spp", "4", "--resolution", "9x7", "--quiet"];
+        assert_done(&scratch.wavepath(&[&arguments, more].concat()));
+        let image = exr::image::read::read_first_flat_layer_from_file(scratch.file("a.exr")).unwrap();
+        image.layer_data.channel_data.list.iter().map(|channel| channel.name.to_string()).collect()
+    };
+    assert_eq!(names(&[]), ["B", "G", "R"]);
+    assert_eq!(names(&["--aov", "depth"]), ["B", "G", "R", "depth.Z"]);
+    let all = ["B", "G", "R", "depth.Z", "samples", "stderr.B", "stderr.G", "stderr.R"];
+    assert_eq!(names(&["--aov", "all", "--layers"]), all);
 }
 
 /// A reader that stops reading ends nothing with a panic or an error.

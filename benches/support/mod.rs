@@ -10,7 +10,7 @@ use criterion::{Bencher, Criterion};
 use wavepath::engine::schedule::{Schedule, Stop};
 use wavepath::engine::wavefront::DEFAULT_BATCH;
 use wavepath::engine::wavefront::record::{Round, record};
-use wavepath::engine::{Done, Job};
+use wavepath::engine::{Done, EngineKind, Job, SamplerKind, Settings};
 use wavepath::film::Film;
 use wavepath::meshes::{Menger, Terrain, TorusKnot};
 use wavepath::plan::Plan;
@@ -214,27 +214,32 @@ impl Loaded {
         )
     }
 
+    /// What is chosen for renders: as little as possible.
+    pub fn settings(&self) -> Settings {
+        Settings {
+            engine: EngineKind::Wavefront,
+            sampler: SamplerKind::Sobol,
+            threads: 1,
+            seed: 1,
+            batch: DEFAULT_BATCH,
+            level: Level::detect(),
+            policy: Policy::Auto,
+            adaptive: false,
+        }
+    }
+
     /// An empty film.
-    pub fn film(&self, spp: u32) -> Film {
-        Film::for_render(self.description.film.frame(), &self.scene, self.plan.requirements(), Some(spp))
+    pub fn film(&self) -> Film {
+        Film::for_render(self.description.film.frame(), self.plan.requirements(), &self.settings())
+            .expect("a film")
     }
 
     /// Renders and hands over each round, until `each` breaks or the image is done. Blocks of pixels come in an order that
     /// is all over the image, so that some rounds show the whole scene.
     pub fn rounds(&self, tree: &Bvh8, spp: u32, each: &mut dyn FnMut(Round) -> ControlFlow<()>) {
-        let mut film = self.film(spp);
-        let count = film.blocks.len();
-        let common_divisor = |mut a: usize, mut b: usize| {
-            while b > 0 {
-                (a, b) = (b, a % b);
-            }
-            a
-        };
-        // By the golden ratio.
-        let step = (count * 618 / 1000..).find(|&step| common_divisor(step, count) == 1).unwrap_or(1);
-        film.blocks = (0..count).map(|k| film.blocks[k * step % count].clone()).collect();
+        let film = self.film();
         let stop = Stop { spp: Some(spp), time: None, interrupted: Default::default() };
-        let schedule = Schedule::new(&film, 1, stop);
+        let schedule = Schedule::new(&film, 1, stop).scattered();
         let done = Done::default();
         let job = Job::new(&self.scene, &self.plan, &film, &schedule, (1, Policy::Auto), &done)
             .expect("all of one scene");

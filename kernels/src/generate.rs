@@ -7,6 +7,8 @@ use crate::queue::{PathQueue, SAMPLE_BITS, SlotTable, place};
 use crate::sampler::{Sampler, Stream, dimension, stream_seed};
 use crate::scene::{Camera, FilterAxis};
 use core::marker::PhantomData;
+use core::ops::Range;
+use std::sync::Arc;
 
 /// Side of a block of pixels, the unit of work and of the film.
 pub const BLOCK_SIDE: usize = 16;
@@ -66,8 +68,9 @@ pub struct PixelBlock {
     pub x: u32,
     /// See `x`.
     pub y: u32,
-    columns: Vec<u32>,
-    rows: Vec<u32>,
+    /// Blocks of the same shape share them.
+    columns: Arc<[u32]>,
+    rows: Arc<[u32]>,
 }
 
 impl PixelBlock {
@@ -75,15 +78,23 @@ impl PixelBlock {
     /// queue are squares of the image, whose rays stay together.
     pub fn new(x: u32, y: u32, width: usize, height: usize) -> Self {
         assert!((1..=BLOCK_SIDE).contains(&width) && (1..=BLOCK_SIDE).contains(&height));
-        let even_bits = |m: usize| (0..4).fold(0, |n, k| n | (m >> (2 * k) & 1) << k);
+        PixelBlock::part(x, y, 0..width as u32, 0..height as u32)
+    }
+    /// Some columns and rows of a block, in Morton order. Those beyond [`BLOCK_SIDE`] do not exist.
+    pub fn part(x: u32, y: u32, columns: Range<u32>, rows: Range<u32>) -> Self {
+        let even_bits = |m: usize| (0..4).fold(0, |n, k| n | (m >> (2 * k) & 1) << k) as u32;
         let morton = (0..BLOCK_PIXELS).map(|m| (even_bits(m), even_bits(m >> 1)));
-        let inside: Vec<_> = morton.filter(|&(c, r)| c < width && r < height).collect();
+        let inside: Vec<_> = morton.filter(|(c, r)| columns.contains(c) && rows.contains(r)).collect();
         PixelBlock {
             x,
             y,
-            columns: inside.iter().map(|&(c, _)| c as u32).collect(),
-            rows: inside.iter().map(|&(_, r)| r as u32).collect(),
+            columns: inside.iter().map(|&(c, _)| c).collect(),
+            rows: inside.iter().map(|&(_, r)| r).collect(),
         }
+    }
+    /// The same pixels of another block.
+    pub fn moved_to(&self, x: u32, y: u32) -> Self {
+        PixelBlock { x, y, ..self.clone() }
     }
     /// How many pixels.
     pub fn pixels(&self) -> usize {

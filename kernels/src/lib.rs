@@ -8,6 +8,7 @@
 //! | [`math`], [`sampler`] | vectors, frames, random numbers |
 //! | [`scene`] | the tables that kernels read, made by constructors that check them; kinds of lights and shapes |
 //! | [`queue`] | the queues that kernels read and write |
+//! | [`channels`] | what a film holds of each pixel, and what fills it at a first hit |
 //! | [`generate`] | stage: camera rays |
 //! | [`intersect`] | stage: closest hits |
 //! | [`material_sort`] | stage: index lists by material |
@@ -21,6 +22,7 @@
 // Kernels name their columns one by one.
 #![allow(clippy::too_many_arguments)]
 
+pub mod channels;
 pub mod generate;
 mod huge;
 pub mod intersect;

@@ -4,6 +4,7 @@
 //! A queue belongs to one worker, is allocated once and never grows. Columns are padded by [`PAD`] elements, so that
 //! kernels may write whole vectors past the last element.
 
+use crate::channels::{ChannelSet, ChannelTable};
 use crate::lanes::{Real, Uint};
 use crate::sampler::Stream;
 use crate::sampler::dimension::{BANK, PER_VERTEX, VERTICES};
@@ -41,6 +42,8 @@ pub struct Requirements {
     pub filter_weights: bool,
     /// See [`Needs::Instances`].
     pub instances: bool,
+    /// What the film holds beside radiance.
+    pub channels: ChannelSet,
 }
 
 impl Requirements {
@@ -248,5 +251,6 @@ pub fn bytes_per_path(requirements: Requirements) -> (usize, usize) {
             _ => path += column.bytes,
         }
     }
+    path += ChannelTable::columns(requirements.channels).count() * size_of::<f32>();
     (path, shadow)
 }

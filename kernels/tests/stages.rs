@@ -24,6 +24,7 @@ fn all() -> Requirements {
         light_sampling: true,
         filter_weights: true,
         instances: true,
+        ..Requirements::default()
     }
 }
 

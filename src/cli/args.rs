@@ -11,6 +11,7 @@ use crate::converge::external::ExternalSpec;
 use crate::engine::{EngineKind, SamplerKind};
 use crate::picture::{Compression, Encoding, Tonemap};
 use crate::scene::SphericalLights;
+use wavepath_kernels::channels::ChannelSet;
 use wavepath_kernels::intersect::Policy;
 
 /// Headings of the help.
@@ -89,6 +90,10 @@ pub struct RenderArgs {
     /// Add each pixel's standard error (stderr.R, .G, .B) and number of samples (samples) to EXR files
     #[arg(long, help_heading = OUTPUT)]
     pub layers: bool,
+
+    /// What else of each pixel to add to EXR files: all, or a list of depth (depth.Z, along the viewing axis)
+    #[arg(long, value_name = "all|LIST", value_delimiter = ',', value_parser = parse::aov, help_heading = OUTPUT)]
+    pub aov: Vec<Aov>,
 
     /// Show the picture in the viewer tev as it goes on, such as localhost:14158
     #[arg(long, value_name = "HOST:PORT", value_parser = parse::host_and_port, help_heading = OUTPUT)]
@@ -249,6 +254,10 @@ pub struct ConvertArgs {
     #[arg(short, long)]
     pub quiet: bool,
 }
+
+/// Channels that one word of `--aov` asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Aov(pub ChannelSet);
 
 /// Arguments of `wavepath plan`.
 #[derive(Debug, Clone, PartialEq, Args)]
@@ -649,6 +658,7 @@ mod tests {
     use clap::error::ErrorKind;
 
     use super::*;
+    use wavepath_kernels::channels::Channel;
 
     fn parse<A: Args>(words: &str) -> Result<A, clap::Error> {
         let command = A::augment_args(clap::Command::new("wavepath"));
@@ -659,7 +669,7 @@ mod tests {
     #[test]
     fn render_takes_every_fixed_name() {
         let args: RenderArgs = parse(
-            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --adaptive --layers --tev localhost:14158 --engine megakernel --sampler independent \
+            "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --adaptive --layers --aov depth,all --tev localhost:14158 --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
              --spherical-lights area --traversal mixed --report c.json -q -o b.png --half --tonemap agx --bits 16 \
              --compression piz --no-clobber --crop 0,0.5,0,1 --lenient",
@@ -692,6 +702,7 @@ mod tests {
             seed: Some(9),
             batch: Some(4096),
             layers: true,
+            aov: vec![Aov(ChannelSet::default().with(Channel::Depth)), Aov(ChannelSet::all())],
             tev: Some("localhost:14158".into()),
             spherical_lights: SphericalLightsArg::Area,
             traversal: TraversalArg::Mixed,
@@ -719,6 +730,8 @@ mod tests {
             ("a.pbrt --time -3s", "--time"),
             ("a.pbrt --error 0", "found \"0\"; expected a relMSE that is more than zero"),
             ("a.pbrt --error -1", "--error"),
+            ("a.pbrt --aov depht", "expected all, or a list of: depth"),
+            ("a.pbrt --aov depth,radiance", "expected all, or a list of: depth"),
             ("a.pbrt --engine gpu", "wavefront, megakernel"),
             ("a.pbrt --resolution 0x0", "from 1 to 65536"),
             ("a.pbrt --batch 1", "from 64 to 262144"),

@@ -64,7 +64,7 @@ impl From<RenderError> for Failure {
     fn from(error: RenderError) -> Self {
         match error {
             RenderError::Choice { .. } => Self::Usage(error.to_string()),
-            RenderError::Memory { .. } => Self::Input(error.to_string()),
+            RenderError::Memory { .. } | RenderError::Film(_) => Self::Input(error.to_string()),
             RenderError::Threads { .. } | RenderError::Session(_) => Self::Work(error.to_string()),
         }
     }

@@ -4,11 +4,12 @@ use std::num::IntErrorKind;
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
-use super::args::{Crop, Resolution};
+use super::args::{Aov, Crop, Resolution};
 use crate::engine::wavefront::BATCHES;
 use crate::picture::MAX_PIXELS;
 use crate::time_span;
 use wavepath_kernels::isa::Level;
+use wavepath_kernels::channels::{Channel, ChannelSet};
 
 /// A span of time: `30s`, `1m30s`, `2h`, `500ms`; a plain number counts seconds.
 pub fn duration(text: &str) -> Result<Duration, String> {
@@ -21,6 +22,21 @@ pub fn level(text: &str) -> Result<Level, String> {
     Level::available().find(|level| level.name() == text).ok_or_else(|| {
         format!("found \"{text}\"; expected a set that this machine has: {}", names.join(", "))
     })
+}
+
+/// A channel beside radiance by its name, or all of them.
+pub fn aov(text: &str) -> Result<Aov, String> {
+    let known = || {
+        Channel::ALL.iter().filter(|channel| **channel != Channel::Radiance).map(|channel| channel.row().name)
+    };
+    let text = text.trim();
+    if text == "all" {
+        return Ok(Aov(ChannelSet::all()));
+    }
+    match Channel::named(text) {
+        Some(channel) if channel != Channel::Radiance => Ok(Aov(ChannelSet::default().with(channel))),
+        _ => Err(format!("expected all, or a list of: {}", known().collect::<Vec<_>>().join(", "))),
+    }
 }
 
 /// A size in pixels: `640x480`.

@@ -18,6 +18,7 @@ use crate::progress::Progress;
 use crate::render::Render;
 use crate::scene::{self, Scene, SceneDescription, SceneOptions};
 use crate::tev::Tev;
+use wavepath_kernels::channels::ChannelSet;
 
 /// Size and part of the image, over the scene's own.
 pub(super) fn set_frame(description: &mut SceneDescription, frame: &FrameArgs) -> Result<(), Failure> {
@@ -44,12 +45,13 @@ impl Outputs {
         let named = named_outputs(args, &args.output);
         let paths: Vec<&Path> = named.iter().map(|(_, path)| *path).collect();
         args.output.iter().try_for_each(|path| output::check_image(path))?;
-        if args.layers && !args.output.is_empty() {
+        if (args.layers || !args.aov.is_empty()) && !args.output.is_empty() {
             let is_exr =
                 |path: &PathBuf| picture::ImageFormat::from_path(path).ok() == Some(ImageFormat::Exr);
             if !args.output.iter().any(is_exr) {
                 return Err(Failure::Usage(format!(
-                    "--layers: \"{}\" has no room for them; expected a name ending in .exr",
+                    "{}: \"{}\" has no room for them; expected a name ending in .exr",
+                    if args.layers { "--layers" } else { "--aov" },
                     args.output[0].display()
                 )));
             }
@@ -163,7 +165,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let report = picture.report().clone();
     let ended = picture.ended();
     let layers = if args.layers { picture.layers() } else { Vec::new() };
-    let image = Image { channels: layers, ..picture.into_image() };
+    let mut image = picture.into_image();
+    image.channels.extend(layers);
     outputs.write_images(args, &image, scene.description().film.half)?;
     if let Some(path) = &args.report {
         output::write_report(path, &report)?;
@@ -184,7 +187,11 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
 
 /// What the command line chooses.
 fn choose<'s>(mut render: Render<'s>, args: &RenderArgs) -> Render<'s> {
+    let channels = args.aov.iter().fold(ChannelSet::default(), |all, aov| all.and(aov.0));
     render = render.engine(args.engine.into()).traversal(args.traversal.into()).adaptive(args.adaptive);
+    if !channels.is_empty() {
+        render = render.channels(channels);
+    }
     if let Some(sampler) = args.sampler {
         render = render.sampler(sampler.into());
     }

@@ -11,6 +11,7 @@ use crate::scene::{Scene, SceneDescription};
 use glam::{DMat4, DVec3};
 use std::path::Path;
 use std::time::Duration;
+use wavepath_kernels::channels::Row;
 
 /// A finished picture, with its error and its cost.
 #[derive(Debug)]
@@ -55,7 +56,7 @@ impl Picture {
         adaptive: session::Adaptive,
     ) -> Picture {
         let developed = film.develop();
-        let [x0, x1, y0, y1] = film.bounds;
+        let [x0, x1, y0, y1] = film.bounds();
         let [least_spp, most_spp] = film.sample_range();
         let session::Adaptive { predicted_gain, is_uneven: used } = adaptive;
         let report = Report {
@@ -89,10 +90,11 @@ impl Picture {
         let mut image = image_of(scene.description(), developed.pixels);
         image.metadata.report = Some(report.to_json());
         describe(&mut image, scene.description(), &report);
+        image.channels = channels_of(&film);
         Picture { image, error, report, ended, film }
     }
 
-    /// The pixels, in linear light, and their place in the frame.
+    /// The pixels, in linear light, and their place in the frame; what else was asked for is in its channels.
     pub fn image(&self) -> &Image {
         &self.image
     }
@@ -139,6 +141,18 @@ pub fn image_of(description: &SceneDescription, pixels: Vec<[f32; 3]>) -> Image 
     let mut image = Image::new(x1 - x0, y1 - y0, pixels);
     image.window = DataWindow { x: x0 as i32, y: y0 as i32, full_width, full_height };
     image
+}
+
+/// What a film holds beside radiance, as channels for [`Image::channels`]: `depth.Z`.
+pub fn channels_of(film: &Film) -> Vec<Channel> {
+    let of_row = |(number, row): (usize, &&'static Row)| {
+        let planes = row.components.iter().zip(film.develop_channel(number));
+        planes.map(|(component, plane)| Channel {
+            name: format!("{}.{component}", row.name),
+            samples: Samples::Float(plane),
+        })
+    };
+    film.header().channels.iter().enumerate().skip(1).flat_map(of_row).collect()
 }
 
 /// Seconds in each stage that took any.

@@ -15,21 +15,22 @@
 
 mod finished;
 
-pub use finished::{Picture, PictureError, image_of, stages};
+pub use finished::{Picture, PictureError, channels_of, image_of, stages};
 
 use crate::engine::schedule::Stop;
 use crate::engine::session::{MOST_SPP, Session, SessionError};
 use crate::engine::{Done, EngineKind, SamplerKind, Settings, Tree, wavefront};
-use crate::film::Film;
 use crate::film::live_error::LiveError;
+use crate::film::{Film, FilmError};
 use crate::memory;
 use crate::plan::Plan;
 use crate::scene::Scene;
 use std::cell::RefCell;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use wavepath_kernels::channels::ChannelSet;
 use wavepath_kernels::intersect::Policy;
 use wavepath_kernels::isa::Level;
 
@@ -60,6 +61,9 @@ pub enum RenderError {
         /// Bytes.
         free: u64,
     },
+    /// The film cannot be, or is of something else.
+    #[error(transparent)]
+    Film(FilmError),
     /// A tree or a film that was made for something else.
     #[error(transparent)]
     Session(SessionError),
@@ -108,9 +112,11 @@ pub struct Render<'s> {
     scene: &'s Scene,
     settings: Settings,
     spp: Option<u32>,
+    part: Option<Range<u32>>,
     time: Option<Duration>,
     error: Option<f64>,
-    everything: Option<Plan>,
+    /// In place of the scene's.
+    plan: Option<Plan>,
     stop: Arc<AtomicBool>,
     watch: Option<Watch<'s>>,
 }
@@ -130,12 +136,28 @@ impl<'s> Render<'s> {
             adaptive: false,
         };
         let stop = Arc::default();
-        Render { scene, settings, spp: None, time: None, error: None, everything: None, stop, watch: None }
+        Render {
+            scene,
+            settings,
+            spp: None,
+            part: None,
+            time: None,
+            error: None,
+            plan: None,
+            stop,
+            watch: None,
+        }
     }
 
     /// Samples a pixel, at least 1; their mean over the pixels if samples are adaptive.
     pub fn spp(mut self, spp: u32) -> Self {
         self.spp = Some(spp);
+        self
+    }
+    /// A part of the samples of each pixel: those of a range, in place of [`Render::spp`]. Films of parts add up to the film
+    /// of the whole, to the bit ([`Film::merge`]).
+    pub fn samples(mut self, part: Range<u32>) -> Self {
+        self.part = Some(part);
         self
     }
     /// Time to render for. The first sample of each pixel is always taken.
@@ -190,7 +212,14 @@ impl<'s> Render<'s> {
     }
     /// Everything switched on, whether or not the scene needs it: what leaving out brings is the difference.
     pub fn everything(mut self, everything: bool) -> Self {
-        self.everything = everything.then(|| Plan::everything(self.scene.tables()));
+        let channels = self.plan().requirements().channels;
+        let plan = if everything { Plan::everything(self.scene.tables()) } else { self.scene.plan().clone() };
+        self.plan = Some(plan.with_channels(channels));
+        self
+    }
+    /// What the film shall hold beside radiance. What is not asked for costs nothing.
+    pub fn channels(mut self, channels: ChannelSet) -> Self {
+        self.plan = Some(self.plan().clone().with_channels(channels));
         self
     }
     /// A flag that ends the render early once it is set; what is done by then is the picture.
@@ -213,9 +242,9 @@ impl<'s> Render<'s> {
     pub fn scene(&self) -> &'s Scene {
         self.scene
     }
-    /// What it needs: the scene's plan, or everything.
+    /// What it needs: the scene's plan, or everything, and the channels that are asked for.
     pub fn plan(&self) -> &Plan {
-        self.everything.as_ref().unwrap_or_else(|| self.scene.plan())
+        self.plan.as_ref().unwrap_or_else(|| self.scene.plan())
     }
     /// How many pixels are rendered.
     pub fn pixels(&self) -> u64 {
@@ -226,7 +255,8 @@ impl<'s> Render<'s> {
     pub fn last_sample(&self) -> Option<u32> {
         // A time limit or an error alone is the end; otherwise the scene's samples are.
         let open = self.time.is_some() || self.error.is_some();
-        self.spp.or((!open).then_some(self.scene.description().sampler.pixel_samples))
+        let last = self.part.as_ref().map(|part| part.end).or(self.spp);
+        last.or((!open).then_some(self.scene.description().sampler.pixel_samples))
     }
 
     /// Checks the choices.
@@ -240,6 +270,14 @@ impl<'s> Render<'s> {
         };
         if self.spp == Some(0) {
             return wrong("the number of samples a pixel", "0".into(), "1 or more");
+        }
+        if let Some(part) = &self.part {
+            if part.is_empty() {
+                return wrong("the part of the samples", format!("{part:?}"), "a first one below the end");
+            }
+            if self.settings.adaptive || self.error.is_some() {
+                return wrong("the end of a part", "adaptive or an error".into(), "the range of its samples");
+            }
         }
         if threads == 0 {
             return wrong("the number of threads", "0".into(), "1 or more");
@@ -259,31 +297,38 @@ impl<'s> Render<'s> {
     /// An empty film for the render.
     ///
     /// # Errors
-    /// [`RenderError::Memory`] if it does not fit.
+    /// [`RenderError::Memory`] if it does not fit, [`RenderError::Film`] if there can be no such film.
     pub fn film(&self) -> Result<Film, RenderError> {
         let (description, plan) = (self.scene.description(), self.plan());
-        // What must know its error from the first samples on has all replicates, whatever the limit.
-        let spp = self.last_sample().filter(|_| self.error.is_none());
         let frame = description.film.frame();
-        let (needed, free) = (Film::bytes_for_render(frame, plan.requirements(), spp), memory::limit());
+        let needed = Film::bytes_for_render(frame, plan.requirements(), self.last_sample());
+        let free = memory::limit();
         if needed > free {
             return Err(RenderError::Memory { resolution: description.film.resolution, needed, free });
         }
-        Ok(Film::for_render(frame, self.scene.tables(), plan.requirements(), spp))
+        Film::for_render(frame, plan.requirements(), &self.settings).map_err(RenderError::Film)
     }
 
-    /// A session that fills `film`, to be paused and gone on with: [`Render::run`] does that for you.
+    /// A session that fills `film`, to be paused and gone on with: [`Render::run`] does that for you. Samples that the film
+    /// has already are not rendered again.
     ///
     /// # Errors
-    /// [`RenderError::Choice`], and [`RenderError::Threads`] if the threads cannot be started.
+    /// [`RenderError::Choice`], [`RenderError::Film`] if the film is of something else, and [`RenderError::Threads`] if the
+    /// threads cannot be started.
     pub fn session<'a>(&'a self, tree: &'a Tree<'a>, film: &'a Film) -> Result<Session<'a>, RenderError> {
         self.check()?;
         let stop = Stop { spp: self.last_sample(), time: self.time, interrupted: self.stop.clone() };
         let (tables, plan) = (self.scene.tables(), self.plan());
-        Session::new(tables, plan, tree, film, &self.settings, stop).map_err(|error| match error {
+        let session = Session::new(tables, plan, tree, film, &self.settings, stop);
+        let session = session.map(|session| match &self.part {
+            Some(part) => session.samples(part.clone()),
+            None => session,
+        });
+        session.map_err(|error| match error {
             SessionError::Threads { threads, reason } => {
                 RenderError::Threads { threads, reason: reason.to_string() }
             }
+            SessionError::Film(error) => RenderError::Film(error),
             other => RenderError::Session(other),
         })
     }
@@ -308,7 +353,9 @@ impl<'s> Render<'s> {
         let film = self.film()?;
         let film_time = started.elapsed();
         let mut watch = self.watch.take();
-        let total_samples = self.last_sample().map(|spp| u64::from(spp) * film.pixels());
+        let first = self.part.as_ref().map_or(0, |part| part.start);
+        let total_samples =
+            self.last_sample().map(|last| u64::from(last.saturating_sub(first)) * film.pixels());
         let (ended, stats, elapsed, adaptive) = {
             let live = RefCell::new(LiveError::new(&film, self.settings.threads));
             let (stop, started) = (self.stop.clone(), Instant::now());

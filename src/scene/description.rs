@@ -148,7 +148,8 @@ impl Film {
 
     /// The pixels to render, and their place in the image.
     pub fn frame(&self) -> Frame {
-        Frame { image_width: self.resolution[0], bounds: self.pixel_bounds }
+        let [image_width, image_height] = self.resolution;
+        Frame { image_width, image_height, bounds: self.pixel_bounds }
     }
 }
 

@@ -163,8 +163,7 @@ fn noise(blocks: &[[HalfBlock; 2]], columns: usize, block: usize, half: usize) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::film::{BlockSums, Film, Quantum};
-    use wavepath_kernels::queue::Requirements;
+    use crate::film::tests::{film, unit};
 
     fn half(pixels: u64, samples: u32, noise: f64) -> HalfBlock {
         let error = noise * pixels as f64 / f64::from(samples);
@@ -245,19 +244,20 @@ mod tests {
         let films = 4000;
         let means: Vec<f64> = (0..films)
             .map(|_| {
-                let requirements = Requirements::default();
-                let film = Film::new(4, [0, 4, 0, 64], 4, Quantum::for_brightest(256.0), requirements);
-                let mut fill = |block: usize, replicate: u32, samples: u32| {
+                let film = film(4, 64);
+                let mut fill = |block: usize, replicate: u32, samples: std::ops::Range<u32>| {
                     let rare: f32 = if block == 2 { 1.0 / 128.0 } else { 0.5 };
-                    let mut sums = BlockSums::new(64, requirements);
-                    for sample in 0..64 * samples as usize {
+                    let mut sums = film.sums();
+                    for sample in 0..64 * samples.len() {
                         let value = if random() < rare { rare.recip() } else { 0.0 };
-                        sums.add(film.quantum, sample % 64, [value; 3], None);
+                        sums.add(sample % 64, [value; 3], None);
                     }
-                    film.add(block, replicate, samples, &sums);
+                    if !samples.is_empty() {
+                        film.add(unit(block, replicate, samples), &sums).unwrap();
+                    }
                 };
                 for (block, replicate) in (0..4).flat_map(|block| (0..4).map(move |k| (block, k))) {
-                    fill(block, replicate, 4);
+                    fill(block, replicate, 0..4);
                 }
                 let halves = film.halves();
                 let mut shares = Shares::best(&halves, 1);
@@ -268,7 +268,7 @@ mod tests {
                 for (block, targets) in shares.targets(&halves, 64, 2).iter().enumerate() {
                     for replicate in 0..4 {
                         let target = (targets[replicate % 2] + 1 - replicate as u32 / 2) / 2;
-                        fill(block, replicate as u32, target - 4);
+                        fill(block, replicate as u32, 4..target);
                     }
                 }
                 let pixels = film.develop().pixels;

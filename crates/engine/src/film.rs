@@ -2,172 +2,76 @@
 //! never change a bit of the image.
 //!
 //! Floating-point sums depend on their order, and paths end in an order that depends on everything. The film adds
-//! integers: each sample is rounded once to a multiple of a quantum, and the sums are 128 bits wide. Integer addition
-//! is associative, so any schedule gives the same bits. The quantum is 2^-64 of the brightest light of the scene: far
-//! below the rounding of an `f32` for anything that can be seen, and there is room above for 2^25 samples that are
-//! each 2^38 times brighter than that light.
+//! digits, as integers (`film/exact.rs`): any order, any grouping gives the same bits, for samples of any size.
+//!
+//! It holds the channels of a [`Header`], radiance first, and knows which samples of which pixels are in it; a sample is
+//! never added twice. Films of the same header, of different samples, can be added: [`Film::merge`].
 
+mod block;
+mod bytes;
 mod error;
+mod exact;
+mod header;
 pub mod live_error;
+mod ranges;
+pub mod replicates;
 
+pub use block::BlockSums;
 pub use error::ErrorEstimate;
+pub use header::{FilmError, Frame, Header, MOST_PIXELS, arithmetic};
 
+use crate::Settings;
+use crate::schedule::Unit;
+use block::{FilmBlock, FilmChannel, Layout};
 use error::{BlockErrors, BlockVariances, ErrorSum, Known, Replicates};
 use rayon::prelude::*;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+use replicates::REPLICATES;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, MutexGuard, RwLock, RwLockReadGuard, RwLockWriteGuard};
+use wavepath_kernels::channels::{Channel, Divisor, Kind, Row, Values};
 use wavepath_kernels::generate::{BLOCK_PIXELS, BLOCK_SIDE, PixelBlock};
 use wavepath_kernels::isa::Level;
 use wavepath_kernels::queue::Requirements;
-use wavepath_kernels::scene::Scene;
 
 /// Added to the squared reference in relMSE, the mean of `(I - R)^2 / (R^2 + EPSILON)`: black pixels count, too.
 pub const EPSILON: f64 = 0.01;
 
-/// The pixels that are rendered, and their place in the image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Frame {
-    /// Width of the full image; numbers pixels.
-    pub image_width: u32,
-    /// Pixels to render: `[x0, x1, y0, y1]`, half open.
-    pub bounds: [u32; 4],
-}
-
-/// Which multiple of which power of two samples are rounded to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Quantum {
-    exponent: i32,
-}
-
-impl Quantum {
-    /// Bits between the quantum and the brightest light.
-    const BELOW: i32 = 64;
-    /// Bits between the brightest light and the largest sample.
-    const ABOVE: i32 = 38;
-
-    /// For a scene whose brightest light has this radiance (or intensity).
-    pub fn for_brightest(radiance: f32) -> Self {
-        let exponent = if radiance > 0.0 && radiance.is_finite() { radiance.log2().ceil() as i32 } else { 0 };
-        Quantum { exponent: exponent - Self::BELOW }
-    }
-
-    /// `x` as a multiple of the quantum, to nearest; none if it is not a number, infinite, negative or too large.
-    #[inline]
-    pub fn count(self, x: f32) -> Option<i128> {
-        let bits = x.to_bits();
-        if bits >> 31 != 0 {
-            // -0 is 0.
-            return (bits == 0x8000_0000).then_some(0);
-        }
-        let field = (bits >> 23) as i32;
-        let mantissa = bits & 0x007F_FFFF | if field == 0 { 0 } else { 0x0080_0000 };
-        let shift = field.max(1) - 150 - self.exponent;
-        if field == 255 || shift > Self::BELOW + Self::ABOVE - 24 {
-            return None;
-        }
-        let mantissa = mantissa as i128;
-        Some(if shift >= 0 {
-            mantissa << shift
-        } else if shift < -25 {
-            0
-        } else {
-            (mantissa + (1 << (-shift - 1))) >> -shift
-        })
-    }
-
-    /// The number that a count stands for.
-    pub fn value(self, count: i128) -> f64 {
-        count as f64 * (self.exponent as f64).exp2()
-    }
-}
-
-/// Sums over some samples of the pixels of a block.
-#[derive(Clone, Debug)]
-pub struct BlockSums {
-    /// Radiance, in quanta, weighted by the filter.
-    pub radiance: Vec<[i128; 3]>,
-    /// Filter weights; empty if all are 1.
-    pub weight: Vec<i64>,
-    /// Samples that were dropped.
-    pub invalid: u64,
-    /// Rays that were traced beyond those from the camera and towards lights.
-    pub bounces: u64,
-}
-
-impl BlockSums {
-    /// No samples of `pixels` pixels.
-    pub fn new(pixels: usize, requirements: Requirements) -> Self {
-        BlockSums {
-            radiance: vec![[0; 3]; pixels],
-            weight: if requirements.filter_weights { vec![0; pixels] } else { Vec::new() },
-            invalid: 0,
-            bounces: 0,
-        }
-    }
-    /// Back to no samples.
-    pub fn clear(&mut self) {
-        self.radiance.fill([0; 3]);
-        self.weight.fill(0);
-        self.invalid = 0;
-        self.bounces = 0;
-    }
-    /// Adds a sample. What is not a number, infinite or negative counts as black and is counted.
-    #[inline]
-    pub fn add(&mut self, quantum: Quantum, pixel: usize, radiance: [f32; 3], weight: Option<f32>) {
-        let counts = radiance.map(|x| quantum.count(x));
-        let sign = match weight {
-            None => 1,
-            Some(w) => {
-                let sign = if w < 0.0 { -1 } else { 1 };
-                self.weight[pixel] += sign;
-                sign as i128
-            }
-        };
-        match counts {
-            [Some(r), Some(g), Some(b)] => {
-                let sum = &mut self.radiance[pixel];
-                sum[0] += sign * r;
-                sum[1] += sign * g;
-                sum[2] += sign * b;
-            }
-            _ => self.invalid += 1,
-        }
-    }
-}
-
-/// A block of the film.
-#[derive(Debug)]
-struct FilmBlock {
-    /// By replicate.
-    sums: Vec<BlockSums>,
-    /// Samples of each pixel, by replicate.
-    samples: Vec<u32>,
-}
-
-impl FilmBlock {
-    /// Samples of a pixel in the replicates of even (0) or odd (1) number.
-    fn samples_of_half(&self, half: usize) -> u32 {
-        self.samples.iter().skip(half).step_by(2).sum()
-    }
-}
-
 /// The film.
 #[derive(Debug)]
 pub struct Film {
-    /// The pixels of each block.
-    pub blocks: Vec<PixelBlock>,
-    /// Width of the full image; numbers pixels.
-    pub image_width: u32,
-    /// Pixels that are rendered: `[x0, x1, y0, y1]`.
-    pub bounds: [u32; 4],
-    /// Independently scrambled replicates of each pixel.
-    pub replicates: u32,
-    /// How samples are rounded.
-    pub quantum: Quantum,
-    /// What the scene needs.
-    pub requirements: Requirements,
+    header: Header,
+    blocks: Vec<PixelBlock>,
     state: Vec<Mutex<FilmBlock>>,
+    /// Light paths, by part.
+    light_paths: [AtomicU64; REPLICATES as usize],
     split: AtomicBool,
+    /// Shared by all who commit work units; who holds it alone sees none half committed.
+    whole: RwLock<()>,
+}
+
+/// A complete work unit: what comes into the film together, or not at all.
+#[derive(Clone, Copy, Debug)]
+pub struct Commit<'a> {
+    /// Which samples.
+    pub unit: Unit,
+    /// Their sums.
+    pub sums: &'a BlockSums,
+    /// Light paths that were followed with them.
+    pub light_paths: u64,
+    /// What those light paths brought to pixels anywhere.
+    pub splats: &'a [Splat],
+}
+
+/// What a light path brings to a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Splat {
+    /// Column and row in the full image. Outside of the film's bounds it counts for nothing.
+    pub pixel: [u32; 2],
+    /// Number of the channel in the header; it is divided by light paths.
+    pub channel: usize,
+    /// What is added.
+    pub values: Values<f32>,
 }
 
 /// A finished picture.
@@ -208,81 +112,265 @@ pub struct PixelStatistics {
 }
 
 impl Film {
-    /// An empty film of the pixels in `bounds` (`[x0, x1, y0, y1]`) of an image `image_width` wide.
-    pub fn new(
-        image_width: u32,
-        bounds: [u32; 4],
-        replicates: u32,
-        quantum: Quantum,
-        requirements: Requirements,
-    ) -> Self {
-        assert!(replicates as usize <= MOST_REPLICATES);
-        let [x0, x1, y0, y1] = bounds;
+    /// An empty film.
+    ///
+    /// # Errors
+    /// [`FilmError::Header`] if there can be none.
+    pub fn new(header: Header) -> Result<Self, FilmError> {
+        header.check()?;
+        let [x0, x1, y0, y1] = header.frame.bounds;
+        let [first_column, end_column, first_row, end_row] = header.frame.blocks();
         let side = BLOCK_SIDE as u32;
+        let whole = PixelBlock::part(0, 0, 0..side, 0..side);
         let mut blocks = Vec::new();
-        for y in (y0..y1).step_by(BLOCK_SIDE) {
-            for x in (x0..x1).step_by(BLOCK_SIDE) {
-                let size = |from: u32, to: u32| (to - from).min(side) as usize;
-                blocks.push(PixelBlock::new(x, y, size(x, x1), size(y, y1)));
+        for y in (first_row..end_row).map(|row| row * side) {
+            for x in (first_column..end_column).map(|column| column * side) {
+                let part = |from: u32, to: u32, at: u32| from.saturating_sub(at)..(to - at).min(side);
+                let (columns, rows) = (part(x0, x1, x), part(y0, y1, y));
+                blocks.push(match columns == (0..side) && rows == (0..side) {
+                    true => whole.moved_to(x, y),
+                    false => PixelBlock::part(x, y, columns, rows),
+                });
             }
         }
-        let state = blocks
-            .iter()
-            .map(|b| {
-                Mutex::new(FilmBlock {
-                    sums: vec![BlockSums::new(b.pixels(), requirements); replicates as usize],
-                    samples: vec![0; replicates as usize],
-                })
-            })
-            .collect();
-        let split = AtomicBool::new(false);
-        Film { blocks, image_width, bounds, replicates, quantum, requirements, state, split }
+        let state = blocks.iter().map(|_| Mutex::default()).collect();
+        let (light_paths, split, whole) = Default::default();
+        Ok(Film { header, blocks, state, light_paths, split, whole })
     }
 
-    /// An empty film for `spp` samples of each pixel of a scene; `None`: as many as the time allows.
-    pub fn for_render(frame: Frame, scene: &Scene, requirements: Requirements, spp: Option<u32>) -> Self {
-        let replicates = replicates_for(spp, pixels_in(frame.bounds), requirements);
-        let quantum = Quantum::for_brightest(scene.brightest());
-        Film::new(frame.image_width, frame.bounds, replicates, quantum, requirements)
+    /// An empty film for a render.
+    ///
+    /// # Errors
+    /// As [`Film::new`].
+    pub fn for_render(
+        frame: Frame,
+        requirements: Requirements,
+        settings: &Settings,
+    ) -> Result<Self, FilmError> {
+        Film::new(Header::of_render(frame, requirements, settings))
     }
 
-    /// Replicates that [`Film::for_render`] keeps of each pixel.
+    /// Parts that a film of a render keeps replicates apart in, with so many samples of each pixel; `None`: any number.
     pub fn replicates_for_render(frame: Frame, requirements: Requirements, spp: Option<u32>) -> u32 {
-        replicates_for(spp, pixels_in(frame.bounds), requirements)
+        header::parts_for(frame.pixels(), requirements).min(replicates::opened(spp.unwrap_or(u32::MAX)))
     }
 
-    /// Bytes that [`Film::for_render`] takes.
+    /// Bytes that the film of a render takes with so many samples of each pixel; `None`: any number.
     pub fn bytes_for_render(frame: Frame, requirements: Requirements, spp: Option<u32>) -> u64 {
-        let pixels = pixels_in(frame.bounds);
-        Film::bytes(pixels, replicates_for(spp, pixels, requirements), requirements)
+        let parts = Film::replicates_for_render(frame, requirements, spp);
+        Film::bytes(frame.pixels(), spp.unwrap_or(u32::MAX).into(), parts, requirements)
     }
 
-    /// Bytes of a film.
-    pub fn bytes(pixels: u64, replicates: u32, requirements: Requirements) -> u64 {
-        let weight = if requirements.filter_weights { size_of::<i64>() } else { 0 };
-        pixels * replicates as u64 * (size_of::<[i128; 3]>() + weight) as u64
+    /// Bytes of a film with so many samples of each pixel in so many parts.
+    pub fn bytes(pixels: u64, samples: u64, parts: u32, requirements: Requirements) -> u64 {
+        let of_channels = |replicated: bool, samples: u64| -> u64 {
+            let rows =
+                requirements.channels.iter().map(Channel::row).filter(|row| row.replicated == replicated);
+            rows.map(|row| FilmChannel::bytes_per_pixel(row, samples)).sum()
+        };
+        let weight = if requirements.filter_weights { size_of::<i32>() as u64 } else { 0 };
+        let parts = u64::from(parts);
+        let of_pixel =
+            parts * (of_channels(true, samples / parts.max(1)) + weight) + of_channels(false, samples);
+        pixels.saturating_mul(of_pixel)
     }
 
+    /// What it is of.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+    /// The pixels of each block, row by row of blocks.
+    pub fn blocks(&self) -> &[PixelBlock] {
+        &self.blocks
+    }
+    /// Width of the full image; numbers pixels.
+    pub fn image_width(&self) -> u32 {
+        self.header.frame.image_width
+    }
+    /// Pixels that are rendered: `[x0, x1, y0, y1]`.
+    pub fn bounds(&self) -> [u32; 4] {
+        self.header.frame.bounds
+    }
+    /// In how many parts replicates are kept apart, at most.
+    pub fn parts(&self) -> u32 {
+        self.header.parts
+    }
     /// How many pixels are rendered.
     pub fn pixels(&self) -> u64 {
-        pixels_in(self.bounds)
+        self.header.frame.pixels()
     }
 
-    /// Adds the sums of `samples` samples of each pixel of a block.
-    pub fn add(&self, block: usize, replicate: u32, samples: u32, sums: &BlockSums) {
-        let mut state = self.state[block].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        state.samples[replicate as usize] += samples;
-        let to = &mut state.sums[replicate as usize];
-        for (to, from) in to.radiance.iter_mut().zip(&sums.radiance) {
-            for (to, from) in to.iter_mut().zip(from) {
-                *to += from;
+    /// Sums of no samples, for the work units of this film.
+    pub fn sums(&self) -> BlockSums {
+        BlockSums::new(BLOCK_PIXELS, &self.header.channels, self.header.filter_weights)
+    }
+
+    fn layout(&self) -> Layout<'_> {
+        let Header { channels, filter_weights, parts, .. } = &self.header;
+        Layout { channels, filter_weights: *filter_weights, parts: *parts }
+    }
+
+    /// Adds the samples of a work unit.
+    ///
+    /// # Errors
+    /// As [`Film::commit`].
+    pub fn add(&self, unit: Unit, sums: &BlockSums) -> Result<(), FilmError> {
+        self.commit(&Commit { unit, sums, light_paths: 0, splats: &[] })
+    }
+
+    /// Adds a work unit and its splats. Nobody sees a part of it.
+    ///
+    /// # Errors
+    /// [`FilmError::Unit`] if it does not belong to this film, [`FilmError::Overlap`] if some of its samples are there
+    /// already, [`FilmError::TooMany`]. The film is then as before.
+    pub fn commit(&self, commit: &Commit) -> Result<(), FilmError> {
+        let Commit { unit: Unit { block, replicate, first, samples }, sums, light_paths, splats } = *commit;
+        let wrong = |what: &'static str| Err(FilmError::Unit { what });
+        let (layout, parts) = (self.layout(), self.header.parts);
+        let Some(pixels) = self.blocks.get(block) else { return wrong("there is no such block") };
+        let count = pixels.pixels();
+        if replicate >= REPLICATES {
+            return wrong("there is no such replicate");
+        }
+        let range = match first.checked_add(samples) {
+            Some(end) if samples > 0 => first..end,
+            _ => return wrong("there are no such samples"),
+        };
+        if !sums.fits(count, layout.channels, layout.filter_weights) {
+            return wrong("it has other channels");
+        }
+        for splat in splats {
+            let row = layout.channels.get(splat.channel);
+            if !row.is_some_and(|row| block::is_splat(row, &splat.values)) {
+                return wrong("a splat to no channel of splats, or of no number");
             }
         }
-        for (to, from) in to.weight.iter_mut().zip(&sums.weight) {
-            *to += from;
+        let _shared = self.shared();
+        for splat in splats {
+            // By far: others may be adding, too.
+            let full = |block| {
+                self.block(block).additions(layout, replicate, splat.channel) > exact::MOST_ADDITIONS / 2
+            };
+            if self.find(splat.pixel).is_some_and(|(block, _)| full(block)) {
+                return Err(FilmError::TooMany);
+            }
         }
-        to.invalid += sums.invalid;
-        to.bounces += sums.bounces;
+        {
+            let mut state = self.block(block);
+            if state.held(replicate).is_some_and(|held| held.meets(&range)) {
+                return Err(FilmError::Overlap { pixel: [pixels.x, pixels.y], replicate });
+            }
+            if u64::from(state.samples()) + u64::from(samples) > exact::MOST_ADDITIONS {
+                return Err(FilmError::TooMany);
+            }
+            state.add(layout, count, replicate, range, sums);
+        }
+        self.light_paths[(replicate % parts) as usize].fetch_add(light_paths, Ordering::Relaxed);
+        for splat in splats {
+            if let Some((block, pixel)) = self.find(splat.pixel) {
+                let count = self.blocks[block].pixels();
+                self.block(block).splat(layout, count, replicate, (splat.channel, pixel), &splat.values);
+            }
+        }
+        Ok(())
+    }
+
+    /// Block, and pixel in it, of a pixel of the image.
+    fn find(&self, [x, y]: [u32; 2]) -> Option<(usize, usize)> {
+        let [x0, x1, y0, y1] = self.bounds();
+        if !((x0..x1).contains(&x) && (y0..y1).contains(&y)) {
+            return None;
+        }
+        let [first_column, _, first_row, _] = self.header.frame.blocks();
+        let side = BLOCK_SIDE as u32;
+        let number =
+            (y / side - first_row) as usize * self.block_columns() + (x / side - first_column) as usize;
+        let block = &self.blocks[number];
+        let pixel =
+            block.columns().iter().zip(block.rows()).position(|(&c, &r)| (c, r) == (x % side, y % side))?;
+        Some((number, pixel))
+    }
+
+    /// Adds the samples of another film of the same header.
+    ///
+    /// # Errors
+    /// [`FilmError::Mismatch`], or [`FilmError::Overlap`] if a sample is in both, or [`FilmError::TooMany`]. The film is
+    /// then as before.
+    pub fn merge(&self, other: &Film) -> Result<(), FilmError> {
+        self.header.check_same(&other.header)?;
+        if std::ptr::eq(self, other) {
+            return Err(FilmError::Overlap { pixel: [0, 0], replicate: 0 });
+        }
+        // In one order, whichever is added to the other.
+        let (_alone, _other_alone) = match std::ptr::from_ref(self) < std::ptr::from_ref(other) {
+            true => {
+                let own = self.alone();
+                (own, other.alone())
+            }
+            false => {
+                let others = other.alone();
+                (self.alone(), others)
+            }
+        };
+        let pairs = || self.state.iter().zip(&other.state).zip(&self.blocks);
+        for ((own, other), pixels) in pairs() {
+            let (own, other) = (locked(own), locked(other));
+            if own.meets(&other) {
+                let replicate = (0..REPLICATES)
+                    .find(|&k| match (own.held(k), other.held(k)) {
+                        (Some(own), Some(other)) => other.iter().any(|range| own.meets(range)),
+                        _ => false,
+                    })
+                    .unwrap_or(0);
+                return Err(FilmError::Overlap { pixel: [pixels.x, pixels.y], replicate });
+            }
+            if u64::from(own.samples()) + u64::from(other.samples()) > exact::MOST_ADDITIONS {
+                return Err(FilmError::TooMany);
+            }
+        }
+        for ((own, other), pixels) in pairs() {
+            locked(own).merge(self.layout(), pixels.pixels(), &locked(other));
+        }
+        for (own, other) in self.light_paths.iter().zip(&other.light_paths) {
+            own.fetch_add(other.load(Ordering::Relaxed), Ordering::Relaxed);
+        }
+        if other.is_split() {
+            self.split();
+        }
+        Ok(())
+    }
+
+    /// Those of some samples of a replicate of a block that are not in the film.
+    pub fn missing(&self, block: usize, replicate: u32, samples: Range<u32>) -> Vec<Range<u32>> {
+        let Some(state) = self.state.get(block) else { return Vec::new() };
+        match locked(state).held(replicate) {
+            Some(held) => held.missing(samples),
+            None if samples.is_empty() => Vec::new(),
+            None => vec![samples],
+        }
+    }
+
+    /// The samples of a replicate of a block that are in the film, as ranges in ascending order.
+    pub fn held(&self, block: usize, replicate: u32) -> Vec<Range<u32>> {
+        let held = self.state.get(block).map(locked);
+        held.and_then(|state| Some(state.held(replicate)?.iter().cloned().collect())).unwrap_or_default()
+    }
+
+    /// Whether no sample is in the film.
+    pub fn is_empty(&self) -> bool {
+        self.state.iter().all(|state| locked(state).held.iter().all(|held| held.len() == 0))
+    }
+
+    fn shared(&self) -> RwLockReadGuard<'_, ()> {
+        self.whole.read().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    fn alone(&self) -> RwLockWriteGuard<'_, ()> {
+        self.whole.write().unwrap_or_else(|poisoned| poisoned.into_inner())
+    }
+
+    fn block(&self, block: usize) -> MutexGuard<'_, FilmBlock> {
+        locked(&self.state[block])
     }
 
     /// Pixel means, and the estimate of their error from the spread of the replicates.
@@ -296,17 +384,69 @@ impl Film {
         };
         let mut error = ErrorSum::default();
         for (block, state) in self.blocks.iter().zip(&self.state) {
-            let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            out.samples += state.samples.iter().map(|&n| n as u64).sum::<u64>() * block.pixels() as u64;
-            out.invalid += state.sums.iter().map(|s| s.invalid).sum::<u64>();
-            for pixel in 0..block.pixels() {
-                out.pixels[self.place(block, pixel)] = self.mean(&state, pixel);
-            }
+            let state = locked(state);
+            out.samples += u64::from(state.samples()) * block.pixels() as u64;
+            out.invalid += state.parts().map(|(_, part)| part.invalid).sum::<u64>();
+            self.means(&state, 0, block.pixels(), |pixel, mean| {
+                out.pixels[self.place(block, pixel)] = [mean[0] as f32, mean[1] as f32, mean[2] as f32];
+            });
             error.merge(&self.block_error(&state, block));
         }
         let estimate = error.estimate();
         out.relmse = estimate.map(|estimate| estimate.relmse);
         out.relmse_interval = estimate.map(|estimate| estimate.interval);
+        out
+    }
+
+    /// Number of a channel in the header.
+    pub fn number_of(&self, channel: Channel) -> Option<usize> {
+        self.header.channels.iter().position(|row| *row == channel.row())
+    }
+
+    /// Pixel means of a channel, by its number in the header: a plane a component, row by row of the pixels in the bounds.
+    /// No planes for what is no number of a channel, or one of names.
+    pub fn develop_channel(&self, channel: usize) -> Vec<Vec<f32>> {
+        let Some(row) = self.header.channels.get(channel).filter(|row| row.kind != Kind::Keyed) else {
+            return Vec::new();
+        };
+        let mut planes = vec![vec![0.0; self.pixels() as usize]; row.components.len()];
+        for (block, state) in self.blocks.iter().zip(&self.state) {
+            let state = locked(state);
+            self.means(&state, channel, block.pixels(), |pixel, mean| {
+                let place = self.place(block, pixel);
+                planes.iter_mut().zip(mean).for_each(|(plane, mean)| plane[place] = mean as f32);
+            });
+        }
+        planes
+    }
+
+    /// What covers each pixel, in a channel of names: name and share, the largest first; row by row of the pixels in the
+    /// bounds. Nothing for other channels.
+    pub fn develop_keys(&self, channel: usize) -> Vec<Vec<(u32, f32)>> {
+        let Some(row) = self.header.channels.get(channel).filter(|row| row.kind == Kind::Keyed) else {
+            return Vec::new();
+        };
+        let mut out = vec![Vec::new(); self.pixels() as usize];
+        for (block, state) in self.blocks.iter().zip(&self.state) {
+            let state = locked(state);
+            let mut sums = block::Keys::new();
+            for channel in self.channels_of(&state, channel, |_| true) {
+                for (&key, &weight) in &channel.keys {
+                    *sums.entry(key).or_default() += weight;
+                }
+            }
+            for ((pixel, name), weight) in sums {
+                let all = match row.divisor {
+                    Divisor::Samples => i64::from(state.samples()),
+                    _ => state.weight(pixel.into(), |_| true),
+                };
+                if all > 0 && usize::from(pixel) < block.pixels() {
+                    let share = (weight as f64 / all as f64) as f32;
+                    out[self.place(block, pixel.into())].push((name, share));
+                }
+            }
+        }
+        out.iter_mut().for_each(|keys| keys.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0))));
         out
     }
 
@@ -323,11 +463,11 @@ impl Film {
     /// Both halves of each block: the replicates of even and of odd number.
     pub fn halves(&self) -> Vec<[HalfBlock; 2]> {
         let of_block = |(block, state): (&PixelBlock, &Mutex<FilmBlock>)| {
-            let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+            let state = locked(state);
             [0, 1].map(|half| HalfBlock {
                 pixels: block.pixels() as u64,
                 samples: state.samples_of_half(half),
-                bounces: state.sums.iter().skip(half).step_by(2).map(|sums| sums.bounces).sum(),
+                bounces: state.parts().filter(|(k, _)| k % 2 == half).map(|(_, part)| part.bounces).sum(),
                 error: self.error_of_half(&state, block, half),
             })
         };
@@ -344,7 +484,8 @@ impl Film {
 
     /// Blocks of a row.
     pub fn block_columns(&self) -> usize {
-        (self.bounds[1] - self.bounds[0]).div_ceil(BLOCK_SIDE as u32) as usize
+        let [first, end, _, _] = self.header.frame.blocks();
+        (end - first) as usize
     }
 
     /// Fewest and most samples of a pixel.
@@ -355,15 +496,13 @@ impl Film {
 
     /// Samples of each pixel of a block.
     fn samples(&self, block: usize) -> u32 {
-        let state = self.state[block].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        state.samples.iter().sum()
+        self.block(block).samples()
     }
 
     /// The error of a block, and the samples of each of its pixels.
     fn error_of_block(&self, block: usize) -> (ErrorSum, u64) {
-        let state = self.state[block].lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-        let samples = state.samples.iter().map(|&n| n as u64).sum();
-        (self.block_error(&state, &self.blocks[block]), samples)
+        let state = self.block(block);
+        (self.block_error(&state, &self.blocks[block]), state.samples().into())
     }
 
     /// Variance and number of samples of each pixel.
@@ -371,8 +510,8 @@ impl Film {
         let pixels = self.pixels() as usize;
         let mut out = PixelStatistics { variance: vec![[0.0; 3]; pixels], samples: vec![0; pixels] };
         for (block, state) in self.blocks.iter().zip(&self.state) {
-            let state = state.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            let samples = state.samples.iter().sum();
+            let state = locked(state);
+            let samples = state.samples();
             let variances = Level::detect().run(BlockVariances(self.known(&state, block)));
             for (pixel, variance) in variances.into_iter().enumerate() {
                 let place = self.place(block, pixel);
@@ -385,32 +524,62 @@ impl Film {
 
     /// Where a pixel of a block is in a picture.
     fn place(&self, block: &PixelBlock, pixel: usize) -> usize {
-        let [x0, x1, y0, _] = self.bounds;
+        let [x0, x1, y0, _] = self.bounds();
         let (x, y) = (block.x + block.columns()[pixel], block.y + block.rows()[pixel]);
         (y - y0) as usize * (x1 - x0) as usize + (x - x0) as usize
     }
 
-    /// Mean of one pixel: the sum over replicates is exact, and rounded once.
-    fn mean(&self, state: &FilmBlock, pixel: usize) -> [f32; 3] {
-        if self.is_split() {
-            let halves = [0, 1].map(|half| self.mean_of(state, pixel, half, 2));
-            if let [Some(a), Some(b)] = halves {
-                return core::array::from_fn(|k| (0.5 * (a[k] + b[k])) as f32);
-            }
-        }
-        self.mean_of(state, pixel, 0, 1).map_or([0.0; 3], |mean| mean.map(|x| x as f32))
+    /// The parts of a channel in a block, by its number in the header.
+    fn channels_of<'a>(
+        &self,
+        state: &'a FilmBlock,
+        channel: usize,
+        fits: impl Fn(usize) -> bool,
+    ) -> impl Iterator<Item = &'a FilmChannel> {
+        let (Row { replicated, .. }, number) = self.layout().place_of(channel);
+        let replicated = *replicated;
+        let parts = state.parts().filter(move |(k, _)| replicated && fits(*k));
+        let shared = if replicated { None } else { state.shared.get(number) };
+        parts.map(move |(_, part)| &part.channels[number]).chain(shared)
     }
 
-    /// Mean of a pixel in some replicates; none where negative lobes outweigh the rest.
-    fn mean_of(&self, state: &FilmBlock, pixel: usize, first: usize, step: usize) -> Option<[f64; 3]> {
-        let sums = || state.sums.iter().skip(first).step_by(step);
-        let weight: i64 = if self.requirements.filter_weights {
-            sums().filter_map(|sums| sums.weight.get(pixel)).sum()
-        } else {
-            state.samples.iter().skip(first).step_by(step).map(|&n| i64::from(n)).sum()
-        };
-        let total = |k| self.quantum.value(sums().map(|sums| sums.radiance[pixel][k]).sum());
-        (weight > 0).then(|| core::array::from_fn(|k| total(k) / weight as f64))
+    /// Means of the pixels of a block in a channel, by its number in the header: the sums over replicates are exact, and
+    /// rounded once. 0 where negative lobes outweigh the rest.
+    fn means(&self, state: &FilmBlock, channel: usize, pixels: usize, mut each: impl FnMut(usize, [f64; 4])) {
+        let all = self.side(state, channel, |_| true);
+        // The halves of what is not kept apart cannot be told.
+        let halves = (self.is_split() && self.header.channels[channel].replicated)
+            .then(|| [0, 1].map(|half| self.side(state, channel, |k| k % 2 == half)));
+        for pixel in 0..pixels {
+            let of_halves = halves.as_ref().and_then(|[a, b]| Some((a.mean(pixel)?, b.mean(pixel)?)));
+            let mean = match of_halves {
+                Some((a, b)) => core::array::from_fn(|k| 0.5 * (a[k] + b[k])),
+                None => all.mean(pixel).unwrap_or_default(),
+            };
+            each(pixel, mean);
+        }
+    }
+
+    /// Some parts of a block in a channel.
+    fn side<'a>(
+        &self,
+        state: &'a FilmBlock,
+        channel: usize,
+        fits: impl Fn(usize) -> bool + Copy,
+    ) -> Side<'a> {
+        let parts = || state.parts().filter(move |(k, _)| fits(*k)).map(|(_, part)| part);
+        let light_paths = self.light_paths.iter().enumerate().filter(|(k, _)| fits(*k));
+        Side {
+            row: self.header.channels[channel],
+            channels: self.channels_of(state, channel, fits).collect(),
+            weights: if self.header.filter_weights {
+                parts().map(|part| &part.weight[..]).collect()
+            } else {
+                Vec::new()
+            },
+            samples: parts().map(|part| i64::from(part.samples)).sum(),
+            light_paths: light_paths.map(|(_, paths)| paths.load(Ordering::Relaxed) as i64).sum(),
+        }
     }
 
     fn is_split(&self) -> bool {
@@ -426,8 +595,7 @@ impl Film {
     /// Relative squared error of the mean of a half, sum over the pixels.
     fn error_of_half(&self, state: &FilmBlock, block: &PixelBlock, half: usize) -> f64 {
         let replicates = Replicates { state, first: half, step: 2 };
-        let known = Known { replicates, block, quantum: self.quantum, scale: 1.0 };
-        Level::detect().run(BlockErrors(known)).sum
+        Level::detect().run(BlockErrors(Known { replicates, block, scale: 1.0 })).sum
     }
 
     fn block_error(&self, state: &FilmBlock, block: &PixelBlock) -> ErrorSum {
@@ -436,33 +604,48 @@ impl Film {
 
     /// All replicates of a block.
     fn known<'a>(&self, state: &'a FilmBlock, block: &'a PixelBlock) -> Known<'a> {
-        let (replicates, scale) = (Replicates::all(state), self.split_loss(state));
-        Known { replicates, block, quantum: self.quantum, scale }
+        Known { replicates: Replicates::all(state), block, scale: self.split_loss(state) }
     }
 }
 
-/// Most replicates of a film.
-const MOST_REPLICATES: usize = 8;
-
-/// Pixels in `[x0, x1, y0, y1]`.
-fn pixels_in([x0, x1, y0, y1]: [u32; 4]) -> u64 {
-    (x1 - x0) as u64 * (y1 - y0) as u64
+/// Some parts of a block in a channel.
+struct Side<'a> {
+    row: &'static Row,
+    channels: Vec<&'a FilmChannel>,
+    /// By part; none if all weights are 1.
+    weights: Vec<&'a [i32]>,
+    samples: i64,
+    light_paths: i64,
 }
 
-/// How many replicates for so many samples of so many pixels: enough for an estimate of the image's error, few enough
-/// that each keeps the advantage of stratified samples, and that the film stays below 4 GiB where two will do that.
-fn replicates_for(spp: Option<u32>, pixels: u64, requirements: Requirements) -> u32 {
-    const FILM_BYTES: u64 = 4 << 30;
-    let mut replicates = match spp {
-        Some(0..4) => 1,
-        Some(4..32) => 2,
-        Some(32..128) => 4,
-        _ => 8,
-    };
-    while replicates > 2 && Film::bytes(pixels, replicates, requirements) > FILM_BYTES {
-        replicates /= 2;
+impl Side<'_> {
+    /// Mean of a pixel; none where negative lobes outweigh the rest.
+    fn mean(&self, pixel: usize) -> Option<[f64; 4]> {
+        let divisor: i64 = match self.row.divisor {
+            Divisor::FilterWeight if self.weights.is_empty() => self.samples,
+            Divisor::FilterWeight => self.weights.iter().map(|weights| i64::from(weights[pixel])).sum(),
+            Divisor::Samples => self.samples,
+            Divisor::Coverage => self.channels.iter().map(|channel| i64::from(channel.coverage[pixel])).sum(),
+            Divisor::LightPaths => self.light_paths,
+        };
+        if divisor <= 0 {
+            return None;
+        }
+        let (mut mean, components) = ([0.0; 4], self.row.components.len());
+        for (k, mean) in mean.iter_mut().take(components).enumerate() {
+            let (mut bins, mut base) = Default::default();
+            for channel in &self.channels {
+                let (other, other_base) = channel.sums.get(pixel * components + k);
+                exact::merge(&mut bins, &mut base, other, other_base);
+            }
+            *mean = exact::value(&bins, base) / divisor as f64;
+        }
+        Some(mean)
     }
-    replicates
+}
+
+fn locked(state: &Mutex<FilmBlock>) -> MutexGuard<'_, FilmBlock> {
+    state.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
 /// Largest number of paths that a work unit of `samples` samples has.
@@ -471,53 +654,4 @@ pub fn unit_paths(samples: u32) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn counts_round_to_nearest_and_refuse_what_is_invalid() {
-        let quantum = Quantum::for_brightest(1.0);
-        for x in [0.0, 1.0, 0.3, 1e-6, 123.456, 1e9] {
-            let back = quantum.value(quantum.count(x).unwrap());
-            assert!((back - x as f64).abs() <= (-64.0f64).exp2(), "{x} came back as {back}");
-        }
-        assert_eq!(quantum.count(-0.0), Some(0));
-        for x in [f32::NAN, f32::INFINITY, -1.0, -1e-30, 1e12] {
-            assert_eq!(quantum.count(x), None, "{x}");
-        }
-        assert_eq!(quantum.count(f32::MIN_POSITIVE / 8.0), Some(0));
-        let dim = Quantum::for_brightest(1e-30);
-        let x = 3.25e-31;
-        assert!((dim.value(dim.count(x).unwrap()) / x as f64 - 1.0).abs() < 1e-7);
-    }
-
-    #[test]
-    fn sums_do_not_depend_on_their_order() {
-        let quantum = Quantum::for_brightest(10.0);
-        let samples: Vec<[f32; 3]> = (0..1000)
-            .map(|k| [(k as f32 * 0.37).sin().abs() * 1e3, 1.0 / (k + 1) as f32, k as f32])
-            .collect();
-        let sum = |order: &mut dyn Iterator<Item = &[f32; 3]>| {
-            let mut sums = BlockSums::new(1, Requirements::default());
-            order.for_each(|s| sums.add(quantum, 0, *s, None));
-            sums.radiance[0]
-        };
-        assert_eq!(sum(&mut samples.iter()), sum(&mut samples.iter().rev()));
-    }
-
-    #[test]
-    fn invalid_samples_are_black_and_counted() {
-        let film = Film::new(4, [0, 4, 0, 4], 2, Quantum::for_brightest(1.0), Requirements::default());
-        let mut sums = BlockSums::new(16, Requirements::default());
-        for pixel in 0..16 {
-            sums.add(film.quantum, pixel, [1.0, 2.0, 0.5], None);
-        }
-        sums.add(film.quantum, 0, [f32::NAN, 1.0, 1.0], None);
-        film.add(0, 0, 1, &sums);
-        film.add(0, 1, 1, &sums);
-        let picture = film.develop();
-        assert_eq!((picture.invalid, picture.samples), (2, 32));
-        assert_eq!(picture.pixels[15], [1.0, 2.0, 0.5]);
-        assert_eq!(picture.relmse, Some(0.0));
-    }
-}
+pub(crate) mod tests;

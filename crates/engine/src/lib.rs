@@ -23,6 +23,7 @@ use stats::Stats;
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
+use wavepath_kernels::channels::Channel;
 use wavepath_kernels::intersect::bvh2::NaiveBvh;
 use wavepath_kernels::intersect::bvh8::Bvh8;
 use wavepath_kernels::intersect::{Accelerator, Closest, Hit, Occluded, Policy, TraversalStack};
@@ -42,6 +43,9 @@ pub enum SamplerKind {
 }
 
 impl SamplerKind {
+    /// All of them.
+    pub const ALL: [SamplerKind; 2] = [SamplerKind::Sobol, SamplerKind::Independent];
+
     /// Name for reports.
     pub fn name(self) -> &'static str {
         match self {
@@ -189,7 +193,7 @@ pub struct Job<'a> {
     scene: &'a Scene,
     plan: &'a Plan,
     film: &'a Film,
-    schedule: &'a Schedule,
+    schedule: &'a Schedule<'a>,
     seed: u64,
     policy: Policy,
     done: &'a Done,
@@ -205,7 +209,7 @@ impl<'a> Job<'a> {
         scene: &'a Scene,
         plan: &'a Plan,
         film: &'a Film,
-        schedule: &'a Schedule,
+        schedule: &'a Schedule<'a>,
         (seed, policy): (u64, Policy),
         done: &'a Done,
     ) -> Result<Self, SessionError> {
@@ -222,16 +226,21 @@ fn check_together(scene: &Scene, plan: &Plan, film: &Film) -> Result<(), Session
     if plan.scene() != scene.id() {
         return Err(SessionError::Foreign { what: "plan", of: "another scene" });
     }
-    if film.requirements.filter_weights != plan.requirements().filter_weights {
+    let (film, requirements) = (film.header(), plan.requirements());
+    if film.filter_weights != requirements.filter_weights {
         return Err(SessionError::Foreign { what: "film", of: "another filter" });
+    }
+    if !requirements.channels.iter().map(Channel::row).eq(film.channels.iter().copied()) {
+        return Err(SessionError::Foreign { what: "film", of: "other channels" });
     }
     Ok(())
 }
 
 /// Adds a complete work unit to the film.
 fn add_to_film(job: &Job, unit: &Unit, sums: &BlockSums, stats: &mut Stats) {
-    job.film.add(unit.block, unit.replicate, unit.samples, sums);
-    let samples = job.film.blocks[unit.block].pixels() as u64 * unit.samples as u64;
+    // A schedule gives out what the film does not have. If someone else has added it since, these are the same samples.
+    let _ = job.film.add(*unit, sums);
+    let samples = job.film.blocks()[unit.block].pixels() as u64 * unit.samples as u64;
     job.done.samples.fetch_add(samples, Ordering::Relaxed);
     job.done.rays.fetch_add(stats.unpublished(), Ordering::Relaxed);
 }

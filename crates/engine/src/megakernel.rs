@@ -6,8 +6,9 @@ use super::stats::{Laps, Stage, Stats};
 use super::{Job, Tree, add_to_film};
 use crate::film::BlockSums;
 use std::marker::PhantomData;
-use wavepath_kernels::generate::{BLOCK_PIXELS, camera_ray};
-use wavepath_kernels::intersect::{Accelerator, TraversalStack};
+use wavepath_kernels::channels::{Channel, FirstHit, MOST_COMPONENTS, NOTHING, Values, fill_first_hit};
+use wavepath_kernels::generate::camera_ray;
+use wavepath_kernels::intersect::{Accelerator, Hit, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::lanes::{Real, Uint};
 use wavepath_kernels::material_sort::{list, list_of};
@@ -46,7 +47,7 @@ impl<P> Worker<'_, P> {
         let mut stats = Stats::default();
         let mut laps = Laps::start();
         let mut stack = tree.stack();
-        let mut sums = BlockSums::new(BLOCK_PIXELS, job.plan.requirements());
+        let mut sums = job.film.sums();
         while let Some(unit) = job.schedule.take() {
             sums.clear();
             isa.run(Tile::<Q> {
@@ -81,13 +82,18 @@ impl<P: Features> Kernel for Tile<'_, P> {
     #[inline(always)]
     fn run<I: Isa>(self, isa: I) {
         let Job { scene, film, seed, .. } = *self.job;
-        let block = &film.blocks[self.unit.block];
+        let block = &film.blocks()[self.unit.block];
         let weighted = scene.camera().filter().has_negative_lobes();
         let before = self.stats.bounce_rays;
+        // What beside radiance is asked for: nothing, mostly.
+        let channels: Vec<Channel> = self.job.plan.requirements().channels.first_hit().collect();
+        let mut values = vec![[NOTHING; MOST_COMPONENTS]; channels.len()];
+        let mut channels =
+            ChannelsOf { axis: scene.camera().axis(), channels: &channels, values: &mut values };
         for pixel in 0..block.pixels() {
             let (x, y) = (block.x + block.columns()[pixel], block.y + block.rows()[pixel]);
             let splat = <<I as Isa>::One as Real>::Uint::splat;
-            let number = splat(y.wrapping_mul(film.image_width).wrapping_add(x));
+            let number = splat(y.wrapping_mul(film.image_width()).wrapping_add(x));
             let stream_seed = stream_seed(seed, number, self.unit.replicate);
             for sample in 0..self.unit.samples {
                 let stream = Stream { seed: stream_seed, index: splat(self.unit.first + sample) };
@@ -101,12 +107,38 @@ impl<P: Features> Kernel for Tile<'_, P> {
                     ray.direction,
                     self.stack,
                     self.stats,
+                    &mut channels,
                 );
                 let weight = weighted.then(|| ray.weight.to_array()[0]);
-                self.sums.add(film.quantum, pixel, radiance, weight);
+                self.sums.add(pixel, radiance, weight);
+                for (channel, values) in channels.values.iter().enumerate() {
+                    self.sums.add_to_channel(channel, pixel, *values, weight);
+                }
             }
         }
         self.sums.bounces += self.stats.bounce_rays - before;
+    }
+}
+
+/// The channels of a sample beside radiance.
+struct ChannelsOf<'a> {
+    axis: [f32; 3],
+    channels: &'a [Channel],
+    values: &'a mut [Values<f32>],
+}
+
+impl ChannelsOf<'_> {
+    /// From where the camera ray first meets something.
+    #[inline(always)]
+    fn fill<F: Real>(&mut self, direction: Vec3<F>, hit: Hit) {
+        if self.channels.is_empty() {
+            return;
+        }
+        let first = FirstHit::of(self.axis, direction, hit);
+        for (channel, values) in self.channels.iter().zip(&mut *self.values) {
+            let [a, b, c, d] = fill_first_hit(*channel, &first);
+            *values = [a.to_array()[0], b.to_array()[0], c.to_array()[0], d.to_array()[0]];
+        }
     }
 }
 
@@ -122,6 +154,7 @@ fn trace<I: Isa, P: Features>(
     mut direction: Vec3<I::One>,
     stack: &mut TraversalStack,
     stats: &mut Stats,
+    channels: &mut ChannelsOf,
 ) -> [f32; 3] {
     let one = I::One::one();
     let mut throughput = Rgb::all(one);
@@ -136,6 +169,9 @@ fn trace<I: Isa, P: Features>(
     stats.camera_rays += 1;
     for depth in 0.. {
         let hit = tree.closest(isa, origin.lane(0), direction.lane(0), stack);
+        if depth == 0 {
+            channels.fill(direction, hit);
+        }
         let (list, emits) = list_of(scene.geometry().tags(), scene.max_depth(), hit.primitive, depth);
         if list == list::MISSED {
             add(throughput * Rgb::splat(scene.environment()));

@@ -4,6 +4,7 @@
 use crate::film::Film;
 use serde::Serialize;
 use std::fmt;
+use wavepath_kernels::channels::{Channel, ChannelSet, ChannelTable};
 use wavepath_kernels::queue::{Requirements, bytes_per_path, columns};
 use wavepath_kernels::scene::lights::kind;
 use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene, SceneId};
@@ -71,6 +72,21 @@ pub struct Plan {
     pub film_bytes_per_pixel: u64,
 }
 
+const NOT_ASKED_FOR: &str = "not asked for";
+
+/// The columns of all channels: their channel, name, and what they hold.
+fn all_channel_columns() -> impl Iterator<Item = (Channel, String, &'static str)> {
+    Channel::FIRST_HIT.iter().flat_map(|&channel| {
+        let columns = ChannelTable::columns(ChannelSet::default().with(channel));
+        columns.map(move |(name, holds)| (channel, name, holds))
+    })
+}
+
+/// The name of the kernel that fills a channel.
+fn part_name(channel: Channel) -> String {
+    format!("channel: {}", channel.row().name)
+}
+
 impl Plan {
     /// The scene that it is the plan of.
     pub fn scene(&self) -> SceneId {
@@ -112,6 +128,7 @@ impl Plan {
             light_sampling: light_kinds != 0,
             filter_weights: scene.camera().filter().has_negative_lobes(),
             instances: false,
+            channels: ChannelSet::default(),
         };
         let primitives = Primitives {
             triangles: geometry.triangles().len(),
@@ -137,14 +154,40 @@ impl Plan {
                     present: requirements.have(c.needs),
                     holds: c.holds,
                 })
+                .chain(all_channel_columns().map(|(_, name, holds)| PlannedColumn {
+                    name,
+                    bytes: size_of::<f32>(),
+                    present: false,
+                    holds,
+                }))
                 .collect(),
             bytes_per_path: path_bytes,
             shadow_queue_bytes,
             geometry_bytes: geometry.bytes(),
-            film_bytes_per_pixel: Film::bytes(1, 1, requirements),
+            film_bytes_per_pixel: Film::bytes(1, 1, 1, requirements),
         };
         plan.parts = plan.list_parts(scene, &of_class, lit);
         plan
+    }
+
+    /// The same with what the film shall hold beside radiance.
+    pub fn with_channels(mut self, channels: ChannelSet) -> Plan {
+        self.requirements.channels = channels;
+        (self.bytes_per_path, self.shadow_queue_bytes) = bytes_per_path(self.requirements);
+        self.film_bytes_per_pixel = Film::bytes(1, 1, 1, self.requirements);
+        for column in &mut self.columns {
+            if let Some(channel) = all_channel_columns().find(|(_, name, _)| *name == column.name) {
+                column.present = channels.has(channel.0);
+            }
+        }
+        for part in &mut self.parts {
+            if let Some(channel) = Channel::FIRST_HIT.iter().find(|channel| part.name == part_name(**channel))
+            {
+                part.runs = channels.has(*channel);
+                part.why = if part.runs { channel.row().holds } else { NOT_ASKED_FOR }.into();
+            }
+        }
+        self
     }
 
     /// A plan for the scene with everything switched on that can be: what leaving out saves is the difference.
@@ -158,6 +201,7 @@ impl Plan {
             light_sampling: lit,
             filter_weights: true,
             instances: false,
+            channels: ChannelSet::default(),
         };
         plan.light_kinds = if lit { kind::ALL } else { 0 };
         plan.shade_kernels = MaterialClass::scattering().collect();
@@ -223,6 +267,9 @@ impl Plan {
             },
         ));
         parts.push(part("roulette_compact", true, "Russian roulette".into()));
+        for &channel in Channel::FIRST_HIT {
+            parts.push(part(&part_name(channel), false, NOT_ASKED_FOR.into()));
+        }
         parts
     }
 

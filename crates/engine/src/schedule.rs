@@ -1,12 +1,13 @@
 //! Work units, given out one by one: some samples of one replicate of one block of pixels.
 //!
-//! Sample `s` of a pixel is number `s / K` of replicate `s % K`, so that any number of samples is spread evenly.
-//! What a unit computes depends on its number alone; who computes it, and when, changes nothing (see [`crate::film`]).
+//! To which replicate a sample belongs follows from its number in the pixel (see [`crate::film::replicates`]). What a unit
+//! computes depends on its samples alone; who computes it, and when, changes nothing (see [`crate::film`]).
 
+use crate::film::replicates::{REPLICATES, next_stop, samples_of, samples_of_half};
 use crate::film::{Film, unit_paths};
 use std::ops::Range;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 /// A work unit.
@@ -33,84 +34,197 @@ pub struct Stop {
     pub interrupted: std::sync::Arc<AtomicBool>,
 }
 
-/// Gives out work units: all samples of a range, in an order that is good to stop in anywhere.
+/// Gives out work units: all samples of a range, in an order that is good to stop in anywhere. Samples that the film has
+/// already when the schedule is made are left out.
 ///
 /// A schedule may be paused and gone on with: it keeps its place.
 #[derive(Debug)]
-pub struct Schedule {
+pub struct Schedule<'a> {
+    film: &'a Film,
     blocks: u64,
-    replicates: u64,
-    /// Samples of each pixel: `groups` ranges a block, each for the replicates whose number leaves that remainder.
-    ranges: Vec<Range<u32>>,
-    groups: u64,
-    /// Most samples that a replicate of a pixel gets.
-    longest: u32,
+    samples: Samples,
+    /// One after another.
+    stages: Vec<Stage>,
     /// Samples of a unit, at most.
     chunk: u32,
-    /// Units that grow from one sample on, because the end may come any moment.
-    growing: bool,
+    /// The first sample of every pixel is among them.
+    from_the_first: bool,
+    /// How far apart in the image units are that follow each other, in blocks.
+    stride: u64,
     next: AtomicU64,
+    /// The film had samples already.
+    goes_on: bool,
+    /// Parts of units of which the film has some samples.
+    pieces: Mutex<Vec<Unit>>,
     deadline: Option<Instant>,
     interrupted: Arc<AtomicBool>,
 }
 
-impl Schedule {
+/// Which samples a schedule gives out.
+#[derive(Clone, Debug)]
+enum Samples {
+    /// Those of a range, of each pixel.
+    Same(Range<u32>),
+    /// Those of a range for each half of each block, by number in the half.
+    ByHalf(Vec<[Range<u32>; 2]>),
+}
+
+/// A part of a schedule whose units go through all blocks, turn by turn; the replicates take turns.
+#[derive(Clone, Debug)]
+struct Stage {
+    /// Of all samples; those of halves are one stage.
+    range: Range<u32>,
+    /// Those that have samples in it.
+    replicates: Vec<u32>,
+    /// Turns of each replicate.
+    rounds: u32,
+    /// Number of its first turn.
+    first_turn: u64,
+}
+
+impl Stage {
+    fn turns(&self) -> u64 {
+        u64::from(self.rounds) * self.replicates.len() as u64
+    }
+}
+
+/// Stages of a schedule that may end any moment, before the last one, which is for the rest.
+const MOST_STAGES: usize = 16;
+
+impl<'a> Schedule<'a> {
     /// Most samples of a unit: 256 pixels times 16 samples fill a pool.
     const CHUNK: u32 = 16;
 
     /// For a film, `workers` threads and a rule to stop.
-    pub fn new(film: &Film, workers: usize, stop: Stop) -> Self {
+    pub fn new(film: &'a Film, workers: usize, stop: Stop) -> Self {
         let end = stop.spp.unwrap_or(u32::MAX);
-        Schedule::of(film, workers, 0..end, stop.time.is_some(), stop.interrupted)
+        let growing = stop.time.is_some() || stop.spp.is_none();
+        Schedule::of(film, workers, 0..end, growing, stop.interrupted)
     }
 
     /// The samples of a range. If it is `growing`, every pixel gets a few samples soon: for a range that may be left at
     /// any moment.
     pub(crate) fn of(
-        film: &Film,
+        film: &'a Film,
         workers: usize,
         range: Range<u32>,
         growing: bool,
         interrupted: Arc<AtomicBool>,
     ) -> Self {
-        let ranges = vec![range; film.blocks.len()];
-        Schedule { growing, ..Schedule::grouped(film, workers, ranges, 1, interrupted) }
+        Schedule::made(film, workers, Samples::Same(range), growing, interrupted)
     }
 
     /// The samples of a range for each half of each block, the replicates of even and of odd number. Wherever it is
-    /// left, all of them have about the same part of theirs.
+    /// left, all of them have about the same part of theirs. Blocks without ranges get no samples.
     pub(crate) fn by_half(
-        film: &Film,
+        film: &'a Film,
         workers: usize,
         ranges: &[[Range<u32>; 2]],
         interrupted: Arc<AtomicBool>,
     ) -> Self {
-        Schedule::grouped(film, workers, ranges.as_flattened().to_vec(), 2, interrupted)
+        Schedule::made(film, workers, Samples::ByHalf(ranges.to_vec()), false, interrupted)
     }
 
-    fn grouped(
-        film: &Film,
+    fn made(
+        film: &'a Film,
         workers: usize,
-        ranges: Vec<Range<u32>>,
-        groups: u32,
+        samples: Samples,
+        growing: bool,
         interrupted: Arc<AtomicBool>,
     ) -> Self {
-        let blocks = film.blocks.len() as u64;
-        let replicates = film.replicates as u64;
-        let longest = ranges.iter().map(|range| range.len() as u32).max().unwrap_or(0);
-        let longest = longest.div_ceil((film.replicates / groups).max(1));
-        // Small renders: enough units that no worker waits long at the end.
-        let wanted = 16 * workers as u64;
-        let rounds = wanted.div_ceil((blocks * replicates).max(1)).clamp(1, longest.max(1) as u64) as u32;
-        let chunk = Self::CHUNK.min(longest.div_ceil(rounds)).max(1);
-        let next = AtomicU64::new(0);
-        let (growing, groups, deadline) = (false, u64::from(groups), None);
-        Schedule { blocks, replicates, ranges, groups, longest, chunk, growing, next, deadline, interrupted }
+        let blocks = film.blocks().len() as u64;
+        let whole = match &samples {
+            Samples::Same(range) => range.clone(),
+            Samples::ByHalf(_) => 0..u32::MAX,
+        };
+        let from_the_first = matches!(&samples, Samples::Same(range) if range.start == 0);
+        let mut schedule = Schedule {
+            film,
+            blocks,
+            samples,
+            stages: Vec::new(),
+            chunk: Self::CHUNK,
+            from_the_first,
+            stride: 1,
+            next: AtomicU64::new(0),
+            goes_on: !film.is_empty(),
+            pieces: Mutex::default(),
+            deadline: None,
+            interrupted,
+        };
+        if !growing {
+            // Small renders: enough units that no worker waits long at the end.
+            let (replicates, longest) = schedule.replicates_in(&whole);
+            let turns = (blocks * replicates.len() as u64).max(1);
+            let rounds = (16 * workers as u64).div_ceil(turns).clamp(1, longest.max(1).into()) as u32;
+            schedule.chunk = Self::CHUNK.min(longest.div_ceil(rounds)).max(1);
+            schedule.add_stage(whole);
+            return schedule;
+        }
+        let mut start = whole.start;
+        while start < whole.end {
+            let all = schedule.stages.len() >= MOST_STAGES;
+            let end = if all { whole.end } else { next_stop(start).min(whole.end) };
+            schedule.add_stage(start..end);
+            start = end;
+        }
+        schedule
     }
 
-    /// Does it give out work for a film like this one?
+    /// Replicates that have samples in a range, and most samples that one of them has.
+    fn replicates_in(&self, range: &Range<u32>) -> (Vec<u32>, u32) {
+        let blocks = match self.samples {
+            Samples::Same(_) => 1,
+            Samples::ByHalf(_) => self.blocks,
+        };
+        let most = |&replicate: &u32| -> u32 {
+            let of_block = |block| {
+                let own = self.own(block, replicate, range);
+                own.end - own.start
+            };
+            (0..blocks).map(of_block).max().unwrap_or(0)
+        };
+        let replicates: Vec<u32> = (0..REPLICATES).filter(|replicate| most(replicate) > 0).collect();
+        let longest = replicates.iter().map(most).max().unwrap_or(0);
+        (replicates, longest)
+    }
+
+    fn add_stage(&mut self, range: Range<u32>) {
+        let (replicates, longest) = self.replicates_in(&range);
+        let first_turn = self.stages.last().map_or(0, |stage| stage.first_turn + stage.turns());
+        self.stages.push(Stage { range, replicates, rounds: longest.div_ceil(self.chunk), first_turn });
+    }
+
+    /// The samples of a replicate of a block in a stage of that range, by number in the replicate.
+    fn own(&self, block: u64, replicate: u32, range: &Range<u32>) -> Range<u32> {
+        let (of, range): (fn(u32, u32) -> u32, _) = match &self.samples {
+            Samples::Same(_) => (samples_of, range.clone()),
+            Samples::ByHalf(ranges) => {
+                let halves = ranges.get(block as usize);
+                (samples_of_half, halves.map_or(0..0, |halves| halves[replicate as usize % 2].clone()))
+            }
+        };
+        let start = of(replicate, range.start);
+        start..of(replicate, range.end).max(start)
+    }
+
+    /// Does it give out work for this film?
     pub(crate) fn is_of(&self, film: &Film) -> bool {
-        self.blocks == film.blocks.len() as u64 && self.replicates == u64::from(film.replicates)
+        std::ptr::eq(self.film, film)
+    }
+
+    /// The same samples in another order of blocks, all over the image: so that the first units show all of it.
+    pub fn scattered(mut self) -> Self {
+        let common_divisor = |mut a: u64, mut b: u64| {
+            while b > 0 {
+                (a, b) = (b, a % b);
+            }
+            a
+        };
+        // By the golden ratio.
+        let first = (self.blocks * 618 / 1000).max(1);
+        self.stride = (first..).find(|&stride| common_divisor(stride, self.blocks) == 1).unwrap_or(1);
+        self
     }
 
     /// No more units after this moment, but for the first sample of every pixel.
@@ -120,12 +234,15 @@ impl Schedule {
 
     /// Whether all units have been given out.
     pub fn is_complete(&self) -> bool {
+        if self.pieces.lock().is_ok_and(|pieces| !pieces.is_empty()) {
+            return false;
+        }
         let mut next = self.next.load(Ordering::Relaxed);
         loop {
             match self.unit(next) {
                 None => return true,
-                Some(Some(_)) => return false,
-                Some(None) => next += 1,
+                Some(Some(unit)) if !self.missing(unit).is_empty() => return false,
+                Some(_) => next += 1,
             }
         }
     }
@@ -140,76 +257,63 @@ impl Schedule {
         unit_paths(self.chunk)
     }
 
-    /// First sample and number of samples of round `k` of a replicate.
-    fn round(&self, k: u64) -> (u64, u64) {
-        let chunk = self.chunk as u64;
-        if !self.growing {
-            return (k * chunk, chunk);
-        }
-        // 1, 1, 2, 4, ... up to the chunk, and on with that.
-        let doublings = chunk.ilog2() as u64;
-        match k {
-            0 => (0, 1),
-            k if k <= doublings => (1 << (k - 1), 1 << (k - 1)),
-            k => ((1 << doublings) + (k - doublings - 1) * chunk, chunk),
-        }
-    }
-
     /// The unit number `n`, or none if there is nothing left from there on.
     fn unit(&self, n: u64) -> Option<Option<Unit>> {
-        if self.blocks == 0 || self.replicates == 0 {
+        let (turn, block) = (n / self.blocks, n % self.blocks * self.stride % self.blocks);
+        let stage =
+            &self.stages[self.stages.partition_point(|stage| stage.first_turn <= turn).checked_sub(1)?];
+        let turn = turn - stage.first_turn;
+        if turn >= stage.turns() {
             return None;
         }
-        let (turn, block) = (n / self.blocks, n % self.blocks);
-        let (round, replicate) = (turn / self.replicates, turn % self.replicates);
-        // No replicate has more.
-        if self.round(round).0 >= self.longest as u64 {
-            return None;
-        }
-        let (group, member) = (replicate % self.groups, replicate / self.groups);
-        let members = (self.replicates / self.groups).max(1);
-        let range = &self.ranges[(block * self.groups + group) as usize];
-        let own = (range.len() as u64).div_ceil(members);
+        let members = stage.replicates.len() as u64;
+        let (round, replicate) = (turn / members, stage.replicates[(turn % members) as usize]);
+        let own = self.own(block, replicate, &stage.range);
+        let rounds = u64::from((own.end - own.start).div_ceil(self.chunk));
         // One with fewer samples takes part in some of the rounds only, evenly spaced.
-        let round = if own == self.longest as u64 {
-            round
-        } else {
-            let chunks = |samples: u64| samples.div_ceil(self.chunk as u64);
-            let done = |rounds: u64| rounds * chunks(own) / chunks(self.longest as u64);
-            if done(round + 1) == done(round) {
-                return Some(None);
-            }
-            done(round)
-        };
-        // How many of the numbers below `n` belong to this replicate.
-        let below = |n: u32| (n as u64 + members - 1 - member) / members;
-        let (start, end) = (below(range.start), below(range.end));
-        let (first, samples) = self.round(round);
-        let first = start + first;
-        let samples = samples.min(end.saturating_sub(first));
-        Some((samples > 0).then_some(Unit {
-            block: block as usize,
-            replicate: replicate as u32,
-            first: first as u32,
-            samples: samples as u32,
-        }))
+        let done = |round: u64| round * rounds / u64::from(stage.rounds);
+        if done(round + 1) == done(round) {
+            return Some(None);
+        }
+        let first = own.start + done(round) as u32 * self.chunk;
+        let samples = self.chunk.min(own.end - first);
+        Some(Some(Unit { block: block as usize, replicate, first, samples }))
+    }
+
+    /// Those of a unit's samples that the film did not have before.
+    fn missing(&self, unit: Unit) -> Vec<Unit> {
+        if !self.goes_on {
+            return vec![unit];
+        }
+        let missing = self.film.missing(unit.block, unit.replicate, unit.first..unit.first + unit.samples);
+        missing.into_iter().map(|m| Unit { first: m.start, samples: m.end - m.start, ..unit }).collect()
     }
 
     /// Takes the next unit, if there is one and no rule says stop.
     pub fn take(&self) -> Option<Unit> {
         loop {
             // The first sample of every pixel is taken whatever the rules say, but for an interrupt.
-            let obligatory = self.ranges.first().is_some_and(|range| range.start == 0)
-                && self.next.load(Ordering::Relaxed) < self.blocks;
+            let obligatory = self.from_the_first && self.next.load(Ordering::Relaxed) < self.blocks;
             let late = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
             if self.is_interrupted() || late && !obligatory {
                 return None;
             }
+            if self.goes_on
+                && let Some(unit) = self.pieces.lock().ok().and_then(|mut pieces| pieces.pop())
+            {
+                return Some(unit);
+            }
             let n = self.next.fetch_add(1, Ordering::Relaxed);
-            match self.unit(n)? {
-                Some(unit) => return Some(unit),
-                // This replicate is complete; the next one may not be.
-                None => continue,
+            let Some(unit) = self.unit(n)? else { continue };
+            if !self.goes_on {
+                return Some(unit);
+            }
+            let mut missing = self.missing(unit).into_iter();
+            if let Some(first) = missing.next() {
+                if let Ok(mut pieces) = self.pieces.lock() {
+                    pieces.extend(missing);
+                }
+                return Some(first);
             }
         }
     }
@@ -218,80 +322,158 @@ impl Schedule {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::film::Quantum;
+    use crate::film::tests::film as film_of;
     use std::collections::HashMap;
-    use wavepath_kernels::queue::Requirements;
 
-    fn film(replicates: u32) -> Film {
-        Film::new(40, [0, 40, 0, 20], replicates, Quantum::for_brightest(1.0), Requirements::default())
+    fn film() -> Film {
+        film_of(40, 20)
     }
 
     fn stop(spp: Option<u32>, time: Option<Duration>) -> Stop {
         Stop { spp, time, interrupted: Default::default() }
     }
 
-    /// Every sample of every replicate once, and all replicates together `spp`.
+    /// How often each sample was given out, by block, replicate and number.
+    type Seen = HashMap<(usize, u32, u32), u32>;
+
+    fn take_all(schedule: &Schedule, seen: &mut Seen) {
+        while let Some(unit) = schedule.take() {
+            assert!(unit.samples as usize * 256 <= schedule.unit_paths());
+            for index in unit.first..unit.first + unit.samples {
+                *seen.entry((unit.block, unit.replicate, index)).or_default() += 1;
+            }
+        }
+    }
+
+    /// All samples of a range of every pixel, each once.
+    fn check(seen: &Seen, film: &Film, range: Range<u32>) {
+        assert!(seen.values().all(|&n| n == 1));
+        assert_eq!(seen.len(), film.blocks().len() * range.len());
+        for &(_, replicate, index) in seen.keys() {
+            assert!((samples_of(replicate, range.start)..samples_of(replicate, range.end)).contains(&index));
+        }
+    }
+
+    /// Every sample once, whatever the end, and the same ones whether or not it may come early.
     #[test]
     fn units_cover_all_samples_once() {
-        for (spp, replicates, time) in
-            [(1, 1, None), (7, 2, None), (64, 4, None), (133, 8, Some(Duration::from_secs(3600)))]
-        {
-            let film = film(replicates);
-            let schedule = Schedule::new(&film, 2, stop(Some(spp), time));
-            let mut seen: HashMap<(usize, u32, u32), u32> = HashMap::new();
-            while let Some(unit) = schedule.take() {
-                assert!(unit.samples as usize * 256 <= schedule.unit_paths());
-                for index in unit.first..unit.first + unit.samples {
-                    *seen.entry((unit.block, unit.replicate, index)).or_default() += 1;
-                }
+        let film = film();
+        for spp in [1, 2, 3, 5, 16, 17, 40, 64, 100, 133, 300, 1000, 5000] {
+            for time in [None, Some(Duration::from_secs(3600))] {
+                let schedule = Schedule::new(&film, 2, stop(Some(spp), time));
+                let mut seen = Seen::new();
+                take_all(&schedule, &mut seen);
+                check(&seen, &film, 0..spp);
+                assert!(schedule.is_complete());
             }
-            assert!(seen.values().all(|&n| n == 1));
-            assert_eq!(seen.len(), film.blocks.len() * spp as usize);
-            for &(_, replicate, index) in seen.keys() {
-                assert!(index * replicates + replicate < spp);
-            }
+        }
+    }
+
+    /// At any moment, no pixel has much more than another, and replicates open as they should.
+    #[test]
+    fn what_may_end_early_grows_evenly() {
+        let film = film();
+        let schedule = Schedule::new(&film, 2, stop(None, Some(Duration::from_secs(3600))));
+        let mut samples = vec![0; film.blocks().len()];
+        let mut most_replicate = 0;
+        while samples[0] < 700 {
+            let unit = schedule.take().unwrap();
+            samples[unit.block] += unit.samples;
+            most_replicate = most_replicate.max(unit.replicate);
+            let (least, most) = (samples.iter().min().unwrap(), samples.iter().max().unwrap());
+            assert!(most - least <= unit.samples.max(1), "{samples:?}");
+            assert!(most_replicate < crate::film::replicates::opened(*most), "{samples:?}");
         }
     }
 
     #[test]
     fn the_first_sample_is_taken_even_without_time() {
-        let film = film(8);
-        let mut schedule = Schedule::new(&film, 2, stop(None, Some(Duration::ZERO)));
-        schedule.pause_at(Some(Instant::now()));
-        let units: Vec<Unit> = std::iter::from_fn(|| schedule.take()).collect();
-        assert_eq!(units.len(), film.blocks.len());
-        assert!(units.iter().all(|u| u.samples == 1));
+        let film = film();
+        for spp in [None, Some(64)] {
+            let mut schedule = Schedule::new(&film, 2, stop(spp, Some(Duration::ZERO)));
+            schedule.pause_at(Some(Instant::now()));
+            let units: Vec<Unit> = std::iter::from_fn(|| schedule.take()).collect();
+            assert_eq!(units.len(), film.blocks().len());
+            assert!(units.iter().all(|u| u.samples == 1));
+        }
     }
 
     /// Ranges one after another, each paused and gone on with, give each sample once.
     #[test]
     fn ranges_follow_each_other_without_gap() {
-        let film = film(4);
-        let mut seen: HashMap<(usize, u32, u32), u32> = HashMap::new();
-        for range in [0..5, 5..6, 6..29, 29..200] {
+        let film = film();
+        let mut seen = Seen::new();
+        for range in [0..5, 5..6, 6..29, 29..29, 29..200] {
             let mut schedule = Schedule::of(&film, 2, range.clone(), range.start == 0, Default::default());
             let mut first = true;
+            let mut own = Seen::new();
             while !schedule.is_complete() {
                 schedule.pause_at(std::mem::take(&mut first).then(Instant::now));
-                while let Some(unit) = schedule.take() {
-                    for index in unit.first..unit.first + unit.samples {
-                        assert!(range.contains(&(index * 4 + unit.replicate)));
-                        *seen.entry((unit.block, unit.replicate, index)).or_default() += 1;
-                    }
+                take_all(&schedule, &mut own);
+            }
+            check(&own, &film, range);
+            own.into_iter().for_each(|(key, n)| *seen.entry(key).or_default() += n);
+        }
+        check(&seen, &film, 0..200);
+    }
+
+    /// Each half of each block its own range.
+    #[test]
+    fn halves_get_their_samples() {
+        let film = film();
+        let ranges: Vec<[Range<u32>; 2]> =
+            (0..film.blocks().len() as u32).map(|k| [k..10 * k, 16..16 + 30 * k]).collect();
+        let schedule = Schedule::by_half(&film, 2, &ranges, Default::default());
+        let mut seen = Seen::new();
+        take_all(&schedule, &mut seen);
+        assert!(seen.values().all(|&n| n == 1));
+        for (block, halves) in ranges.iter().enumerate() {
+            for (half, range) in halves.iter().enumerate() {
+                for replicate in (half as u32..REPLICATES).step_by(2) {
+                    let own: Vec<u32> =
+                        (0..1000).filter(|k| seen.contains_key(&(block, replicate, *k))).collect();
+                    let of = |samples| samples_of_half(replicate, samples);
+                    assert_eq!(own, (of(range.start)..of(range.end)).collect::<Vec<_>>());
                 }
             }
         }
-        assert!(seen.values().all(|&n| n == 1));
-        assert_eq!(seen.len(), film.blocks.len() * 200);
+    }
+
+    /// What the film has is not given out again.
+    #[test]
+    fn a_film_is_gone_on_with() {
+        let film = film();
+        for (replicate, range) in [(0, 0..3), (0, 5..6), (1, 2..40), (3, 0..16)] {
+            film.add(crate::film::tests::unit(2, replicate, range), &film.sums()).unwrap();
+        }
+        for growing in [false, true] {
+            let schedule = Schedule::of(&film, 2, 0..64, growing, Default::default());
+            let mut seen = Seen::new();
+            take_all(&schedule, &mut seen);
+            assert!(schedule.is_complete());
+            assert!(seen.values().all(|&n| n == 1));
+            // Of replicate 1, 16 samples are below 64 a pixel.
+            assert_eq!(seen.len(), film.blocks().len() * 64 - (3 + 1 + 14 + 16));
+            assert!(!seen.keys().any(|&(block, replicate, k)| block == 2 && replicate == 0 && k < 3));
+        }
     }
 
     #[test]
     fn an_interrupt_ends_everything() {
-        let film = film(1);
+        let film = film();
         let rule = stop(Some(1000), None);
         let schedule = Schedule::new(&film, 2, rule.clone());
         assert!(schedule.take().is_some());
         rule.interrupted.store(true, Ordering::Relaxed);
         assert_eq!(schedule.take(), None);
+    }
+
+    #[test]
+    fn blocks_come_from_all_over() {
+        let film = film();
+        let schedule = Schedule::new(&film, 2, stop(Some(100), None)).scattered();
+        let mut seen = Seen::new();
+        take_all(&schedule, &mut seen);
+        check(&seen, &film, 0..100);
     }
 }

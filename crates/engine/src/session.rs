@@ -8,7 +8,7 @@ use super::schedule::{Schedule, Stop};
 use super::stats::Stats;
 use super::wavefront::BATCHES;
 use super::{Done, Job, Settings, Tree, check_together, execute, watched};
-use crate::film::Film;
+use crate::film::{Film, FilmError, Header};
 use crate::plan::Plan;
 use std::ops::Range;
 use std::sync::Arc;
@@ -55,7 +55,7 @@ pub struct Adaptive {
 
 /// Whether there is enough to decide on.
 fn can_adapt(settings: &Settings, film: &Film) -> bool {
-    settings.adaptive && film.replicates >= LEAST_REPLICATES
+    settings.adaptive && film.parts() >= LEAST_REPLICATES
 }
 
 /// Why a render cannot begin.
@@ -80,6 +80,9 @@ pub enum SessionError {
         /// For what it was made.
         of: &'static str,
     },
+    /// A film of something else than the plan and the settings say.
+    #[error(transparent)]
+    Film(#[from] FilmError),
     /// The system does not give the threads.
     #[error("cannot start {threads} threads: {reason}")]
     Threads {
@@ -125,7 +128,7 @@ pub struct Session<'a> {
     spp: Option<u32>,
     interrupted: Arc<AtomicBool>,
     pool: rayon::ThreadPool,
-    schedule: Schedule,
+    schedule: Schedule<'a>,
     /// Samples a pixel, mean over the pixels, once all of the schedule is given out.
     planned: u32,
     /// As the last decision had it.
@@ -138,7 +141,7 @@ pub struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// Starts the threads. `film` is empty, and takes the samples.
+    /// Starts the threads. `film` takes the samples; those that it has already are not rendered again.
     ///
     /// Without a time in `stop`, samples are dealt in the order that is fastest if all of them are taken; with one, so
     /// that the render may end any moment. The time itself is an argument of [`Session::run`].
@@ -159,6 +162,8 @@ impl<'a> Session<'a> {
         if !tree.is_of(scene, settings.engine) {
             return Err(SessionError::Foreign { what: "tree", of: "another scene or engine" });
         }
+        let header = Header::of_render(film.header().frame, plan.requirements(), settings);
+        film.header().check_same(&Header { parts: film.parts(), ..header })?;
         let threads = settings.threads;
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -166,7 +171,7 @@ impl<'a> Session<'a> {
             .map_err(|reason| SessionError::Threads { threads, reason })?;
         let (spp, interrupted) = (stop.spp, stop.interrupted.clone());
         let planned = if can_adapt(settings, film) { first_round(spp) } else { spp.unwrap_or(u32::MAX) };
-        let growing = stop.time.is_some();
+        let growing = stop.time.is_some() || spp.is_none();
         let schedule = Schedule::of(film, settings.threads, 0..planned, growing, stop.interrupted);
         let (stats, elapsed, done) = (Stats::default(), Duration::ZERO, Done::default());
         Ok(Session {
@@ -186,6 +191,15 @@ impl<'a> Session<'a> {
             elapsed,
             done,
         })
+    }
+
+    /// Renders a part only: of all samples of each pixel, those of a range. Not for adaptive renders or renders to an
+    /// error, which decide by what is in the whole film.
+    pub fn samples(mut self, range: Range<u32>) -> Self {
+        let interrupted = Arc::clone(&self.interrupted);
+        self.schedule = Schedule::of(self.film, self.settings.threads, range.clone(), false, interrupted);
+        (self.planned, self.spp) = (range.end, Some(range.end));
+        self
     }
 
     /// What all workers counted so far.
@@ -240,7 +254,7 @@ impl<'a> Session<'a> {
         }
         self.is_uneven = true;
         film.split();
-        let targets = shares.targets(&halves, to, film.replicates / 2);
+        let targets = shares.targets(&halves, to, film.parts() / 2);
         let ranges = halves.iter().zip(targets).map(|(halves, to)| [0, 1].map(|k| halves[k].samples..to[k]));
         Some(ranges.collect())
     }

@@ -9,6 +9,7 @@ use super::{Job, add_to_film};
 use crate::film::BlockSums;
 use std::marker::PhantomData;
 use std::ops::Range;
+use wavepath_kernels::channels::{ChannelTable, FirstHits};
 use wavepath_kernels::generate::{Batch, Generate};
 use wavepath_kernels::intersect::{Accelerator, Intersect, RayClass, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel, Promise};
@@ -78,6 +79,10 @@ struct Pool<'a, P, A> {
     scattered: PathQueue,
     hits: HitQueue,
     slots: SlotTable,
+    /// What beside radiance is asked for, by slot.
+    channels: ChannelTable,
+    /// The camera's viewing axis.
+    axis: [f32; 3],
     shadows: ShadowQueue,
     order: OrderLists,
     /// Paths that have bounced; those behind them in the queue come from the camera.
@@ -107,7 +112,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             started: 0,
             paths: 0,
             ended: 0,
-            sums: BlockSums::new(wavepath_kernels::generate::BLOCK_PIXELS, requirements),
+            sums: job.film.sums(),
         };
         let mut order = OrderLists::new(batch, requirements);
         for (k, slot) in order.list.iter_mut().enumerate() {
@@ -121,6 +126,8 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             scattered: PathQueue::new(batch, requirements),
             hits: HitQueue::new(batch, requirements),
             slots: SlotTable::new(batch, requirements),
+            channels: ChannelTable::new(batch, requirements.channels),
+            axis: job.scene.camera().axis(),
             shadows: ShadowQueue::new(SHADOW_RAYS, requirements),
             order,
             survivors: 0,
@@ -150,6 +157,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
                 self.intersect(isa, class, range);
                 laps.lap_rays(&mut self.stats, Stage::Intersect, class, rays);
             }
+            self.first_hits(isa);
             let sorted = self.material_sort(isa);
             laps.lap(&mut self.stats, Stage::MaterialSort);
             self.light_met(isa, &sorted);
@@ -191,8 +199,8 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             isa.run(Generate::<P::Sampler> {
                 camera: self.job.scene.camera(),
                 batch: Batch {
-                    block: &self.job.film.blocks[open.unit.block],
-                    image_width: self.job.film.image_width,
+                    block: &self.job.film.blocks()[open.unit.block],
+                    image_width: self.job.film.image_width(),
                     seed: self.job.seed,
                     replicate: open.unit.replicate,
                     first_sample: open.unit.first,
@@ -221,7 +229,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         open.unit = unit;
         open.started = 0;
         open.ended = 0;
-        open.paths = self.job.film.blocks[unit.block].pixels() * unit.samples as usize;
+        open.paths = self.job.film.blocks()[unit.block].pixels() * unit.samples as usize;
         open.sums.clear();
         self.first_sample[id as usize] = unit.first;
         Some(id)
@@ -239,6 +247,14 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             // Behind the free slots there is room for a number a path.
             order: &mut self.order.list[self.free..],
         });
+    }
+
+    /// The channels of paths that come from the camera.
+    fn first_hits<I: Isa>(&mut self, isa: I) {
+        if !self.channels.is_empty() {
+            let (paths, hits, range) = (&self.paths, &self.hits, self.survivors..self.paths.len);
+            isa.run(FirstHits { axis: self.axis, paths, hits, range, table: &mut self.channels });
+        }
     }
 
     fn material_sort<I: Isa>(&mut self, isa: I) -> Sorted {
@@ -360,7 +376,10 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             let radiance =
                 [self.slots.radiance_r[slot], self.slots.radiance_g[slot], self.slots.radiance_b[slot]];
             let weight = weighted.then(|| self.slots.filter_weight[slot]);
-            open.sums.add(self.job.film.quantum, pixel, radiance, weight);
+            open.sums.add(pixel, radiance, weight);
+            for (channel, values) in self.channels.of(slot).enumerate() {
+                open.sums.add_to_channel(channel, pixel, values, weight);
+            }
             open.sums.bounces += u64::from(bounces);
             open.ended += 1;
             if open.ended == open.paths {

@@ -112,8 +112,12 @@ macro_rules! lanes {
                 let mut at = [0u32; $n];
                 index.store(&mut at, 0);
                 // Scalar loads: hardware gathers made the renderer 10 to 13 % slower (microcode against GDS).
-                // SAFETY: the caller's promise.
-                let lanes = at.map(|i| unsafe { *slice.get_unchecked(i as usize) });
+                // No `array::map`: it is not always inlined here, depending on what else is in the program.
+                let mut lanes = [Default::default(); $n];
+                for (lane, i) in lanes.iter_mut().zip(at) {
+                    // SAFETY: the caller's promise.
+                    *lane = unsafe { *slice.get_unchecked(i as usize) };
+                }
                 Self::load(&lanes, 0)
             }
             #[inline(always)]
@@ -209,8 +213,12 @@ macro_rules! lanes {
             unsafe fn gather(slice: &[f32], index: $U) -> Self {
                 let mut at = [0u32; $n];
                 index.store(&mut at, 0);
-                // SAFETY: the caller's promise.
-                let lanes = at.map(|i| unsafe { *slice.get_unchecked(i as usize) });
+                // No `array::map`: it is not always inlined here, depending on what else is in the program.
+                let mut lanes = [Default::default(); $n];
+                for (lane, i) in lanes.iter_mut().zip(at) {
+                    // SAFETY: the caller's promise.
+                    *lane = unsafe { *slice.get_unchecked(i as usize) };
+                }
                 Self::load(&lanes, 0)
             }
             #[inline(always)]

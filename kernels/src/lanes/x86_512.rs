@@ -10,6 +10,20 @@ use core::ops::{Add, BitAnd, BitOr, BitXor, Div, Mul, Neg, Not, Sub};
 // functions compiled with these features, which `isa` enters after checking the CPU. Loads and stores go through
 // slices whose bounds were checked.
 
+/// `[f(a[0]), f(a[1]), ...]`, written out: `array::map` is not always inlined here, depending on what else is in the
+/// program, and what is not inlined is compiled without the instruction set (it made whole renders a sixth slower).
+macro_rules! each16 {
+    ($array:expr, |$x:ident| $f:expr) => {
+        each16!(@ $array, $x, $f, 0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15)
+    };
+    (@ $array:expr, $x:ident, $f:expr, $($k:literal)*) => {
+        [$({
+            let $x = $array[$k];
+            $f
+        }),*]
+    };
+}
+
 /// 16 single-precision lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct F32x16(pub __m512);
@@ -99,7 +113,7 @@ impl Uint for U32x16 {
         let at = index.to_array();
         // Scalar loads: hardware gathers made the renderer 10 to 13 % slower (microcode against GDS).
         // SAFETY: the caller's promise.
-        let lanes = at.map(|i| unsafe { *slice.get_unchecked(i as usize) });
+        let lanes = each16!(at, |i| unsafe { *slice.get_unchecked(i as usize) });
         Self::load(&lanes, 0)
     }
     #[inline(always)]
@@ -186,7 +200,7 @@ impl Real for F32x16 {
     unsafe fn gather(slice: &[f32], index: U32x16) -> Self {
         let at = index.to_array();
         // SAFETY: the caller's promise.
-        let lanes = at.map(|i| unsafe { *slice.get_unchecked(i as usize) });
+        let lanes = each16!(at, |i| unsafe { *slice.get_unchecked(i as usize) });
         Self::load(&lanes, 0)
     }
     #[inline(always)]

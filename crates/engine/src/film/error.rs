@@ -1,6 +1,7 @@
 //! The error of a film's pixels, from the spread of their replicates.
 
-use super::{BlockSums, EPSILON, FilmBlock, Quantum};
+use super::block::{FilmBlock, Part};
+use super::{EPSILON, exact};
 use wavepath_kernels::generate::{BLOCK_PIXELS, BLOCK_SIDE, PixelBlock};
 use wavepath_kernels::isa::{Isa, Kernel};
 
@@ -10,7 +11,7 @@ type Plane = [f64; BLOCK_PIXELS];
 
 const ZEROS: Plane = [0.0; BLOCK_PIXELS];
 
-/// Some replicates of a block: every `step`th.
+/// Some replicates of a block, or parts in which several are together: every `step`th.
 #[derive(Clone, Copy)]
 pub(super) struct Replicates<'a> {
     pub state: &'a FilmBlock,
@@ -25,9 +26,16 @@ impl<'a> Replicates<'a> {
 
     /// Those that have samples, and how many.
     #[inline(always)]
-    fn used(self) -> impl Iterator<Item = (&'a BlockSums, f64)> {
-        let all = self.state.sums.iter().zip(&self.state.samples).skip(self.first).step_by(self.step);
-        all.filter(|(_, samples)| **samples > 0).map(|(sums, samples)| (sums, f64::from(*samples)))
+    fn used(self) -> impl Iterator<Item = (&'a Part, f64)> {
+        let fitting = self.state.parts().filter(move |(k, _)| k % self.step == self.first);
+        fitting.filter(|(_, part)| part.samples > 0).map(|(_, part)| (part, f64::from(part.samples)))
+    }
+
+    /// Samples of all, and the sum of the squares of their shares.
+    #[inline(always)]
+    fn samples(self) -> (f64, f64) {
+        let samples: f64 = self.used().map(|(_, samples)| samples).sum();
+        (samples, self.used().map(|(_, own)| (own / samples) * (own / samples)).sum())
     }
 }
 
@@ -64,20 +72,18 @@ struct BlockPlanes {
 
 impl BlockPlanes {
     #[inline(always)]
-    fn new(used: Replicates, block: &PixelBlock, quantum: Quantum) -> Self {
-        let scale = quantum.value(1);
-        let mut replicates = Vec::with_capacity(used.state.sums.len());
+    fn new(used: Replicates, block: &PixelBlock) -> Self {
+        let mut replicates = Vec::with_capacity(used.state.parts.len());
         let mut total = Sums::NONE;
-        for (sums, samples) in used.used() {
+        for (part, samples) in used.used() {
             let mut own = Sums::NONE;
+            let radiance = &part.channels[0].sums;
             for pixel in 0..block.pixels() {
                 let place = place(block, pixel);
-                own.weight[place] = sums.weight.get(pixel).map_or(samples, |&weight| weight as f64);
+                own.weight[place] = part.weight.get(pixel).map_or(samples, |&weight| f64::from(weight));
                 for c in 0..3 {
-                    let sum = sums.radiance[pixel][c];
-                    // In halves, as there is no instruction for the whole; it is off by a rounding at most.
-                    let sum = (sum >> 64) as i64 as f64 * TWO_64 + sum as u64 as f64;
-                    own.radiance[c][place] = sum * scale;
+                    let (bins, base) = radiance.get(3 * pixel + c);
+                    own.radiance[c][place] = exact::about(&bins, base);
                 }
             }
             for (total, own) in total.planes_mut().into_iter().zip(own.planes()) {
@@ -91,11 +97,13 @@ impl BlockPlanes {
     }
 
     /// Variance of the mean of all replicates, by channel, as their spread tells; NaN if there are fewer than two.
+    /// `squares` is the sum of the squares of their shares of the samples: with a variance of s a sample, the squared sum
+    /// of what a replicate of n samples of N adds beyond its share is s (n - n^2 / N) in the mean, and s N over all.
     #[inline(always)]
-    fn variance(&self) -> [Plane; 3] {
+    fn variance(&self, squares: f64) -> [Plane; 3] {
         let mut variance = [ZEROS; 3];
         let count = self.replicates.len() as f64;
-        let (weight, factor) = (&self.total.weight, count / (count - 1.0));
+        let (weight, factor) = (&self.total.weight, (1.0 - squares).recip());
         for (c, variance) in variance.iter_mut().enumerate() {
             let total = &self.total.radiance[c];
             // Of a ratio, to first order: of what each replicate adds to the sum beyond its share.
@@ -113,8 +121,6 @@ impl BlockPlanes {
         variance
     }
 }
-
-const TWO_64: f64 = 18_446_744_073_709_551_616.0;
 
 /// Where a pixel of a block is in a plane.
 #[inline(always)]
@@ -164,7 +170,6 @@ fn beside(plane: &Plane) -> Plane {
 pub(super) struct Known<'a> {
     pub replicates: Replicates<'a>,
     pub block: &'a PixelBlock,
-    pub quantum: Quantum,
     /// What variances and errors are multiplied by.
     pub scale: f64,
 }
@@ -176,8 +181,9 @@ impl Kernel for BlockVariances<'_> {
     type Output = Vec<[f64; 3]>;
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) -> Vec<[f64; 3]> {
-        let Known { replicates, block, quantum, scale } = self.0;
-        let variance = BlockPlanes::new(replicates, block, quantum).variance();
+        let Known { replicates, block, scale } = self.0;
+        let (_, squares) = replicates.samples();
+        let variance = BlockPlanes::new(replicates, block).variance(squares);
         let places = (0..block.pixels()).map(|pixel| place(block, pixel));
         places.map(|place| [0, 1, 2].map(|c| scale * variance[c][place])).collect()
     }
@@ -187,7 +193,8 @@ impl Kernel for BlockVariances<'_> {
 ///
 /// Each replicate is held against all others, which stand for the reference. With a variance of s a sample, the
 /// means of n and of m samples differ by s (1/n + 1/m) in the mean square; the variance of the mean of all is
-/// s / (n + m). So squared differences count with the share nm / (n + m)^2. What the error is relative to is the mean
+/// s / (n + m). So squared differences count with the share nm / (n + m)^2, and each replicate tells as much as its share of
+/// the samples, n / (n + m): one that has few knows little, and few points are less well stratified. What the error is relative to is the mean
 /// of the others, too: relative to a mean that a firefly is part of, no firefly has an error above 1. (That was tried:
 /// it stated a quarter of the true error of a Cornell box with caustics.)
 ///
@@ -203,10 +210,10 @@ impl Kernel for BlockErrors<'_> {
     type Output = ErrorSum;
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) -> ErrorSum {
-        let Known { replicates, block, quantum, scale } = self.0;
+        let Known { replicates, block, scale } = self.0;
         let mut out = ErrorSum::default();
-        let samples: f64 = replicates.used().map(|(_, samples)| samples).sum();
-        let planes = BlockPlanes::new(replicates, block, quantum);
+        let (samples, squares) = replicates.samples();
+        let planes = BlockPlanes::new(replicates, block);
         if planes.replicates.len() < 2 {
             return out;
         }
@@ -214,7 +221,7 @@ impl Kernel for BlockErrors<'_> {
         (0..block.pixels()).for_each(|pixel| present[place(block, pixel)] = 1.0);
         let pixels = around(&present);
         // By what squared distances between pixel and neighbourhood are multiplied; 0 where there is no noise.
-        let mut nearness = planes.variance();
+        let mut nearness = planes.variance(squares);
         for plane in &mut nearness {
             let variance = around(plane);
             for p in 0..BLOCK_PIXELS {
@@ -224,7 +231,7 @@ impl Kernel for BlockErrors<'_> {
         }
         let mut errors = ZEROS;
         for (own, (_, own_samples)) in planes.replicates.iter().zip(replicates.used()) {
-            let share = own_samples * (samples - own_samples) / (samples * samples);
+            let share = own_samples * (samples - own_samples) / (samples * samples) * (own_samples / samples);
             let mut others = Sums::NONE;
             for ((others, own), total) in
                 others.planes_mut().into_iter().zip(own.planes()).zip(planes.total.planes())
@@ -255,7 +262,7 @@ impl Kernel for BlockErrors<'_> {
                 }
             }
         }
-        let scale = scale / (3 * planes.replicates.len()) as f64;
+        let scale = scale / 3.0;
         (0..block.pixels()).for_each(|pixel| out.add(errors[place(block, pixel)] * scale));
         out
     }

@@ -85,21 +85,20 @@ impl<'a> LiveError<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::film::{BlockSums, Quantum};
-    use wavepath_kernels::queue::Requirements;
+    use crate::film::tests::{film, unit};
 
     /// Every block is seen, and the estimate is that of the film.
     #[test]
     fn it_comes_to_the_estimate_of_the_film() {
-        let film = Film::new(80, [0, 80, 0, 48], 2, Quantum::for_brightest(1.0), Requirements::default());
+        let film = film(80, 48);
         for block in 0..film.blocks.len() {
             for replicate in 0..2 {
-                let mut sums = BlockSums::new(256, Requirements::default());
+                let mut sums = film.sums();
                 for pixel in 0..256 {
                     let value = 1.0 + replicate as f32 * 0.01 * block as f32;
-                    sums.add(film.quantum, pixel, [value; 3], None);
+                    sums.add(pixel, [value; 3], None);
                 }
-                film.add(block, replicate, 1, &sums);
+                film.add(unit(block, replicate, 0..1), &sums).unwrap();
             }
         }
         let mut live = LiveError { share: 1.0, ..LiveError::new(&film, 2) };

@@ -118,6 +118,7 @@ impl<P: Features> Pool<'_, P, Bvh8<'_>> {
         let (survivors, free, slots) = (self.survivors, self.free, self.slots.clone());
         self.intersect(isa, RayClass::Bounce, 0..survivors);
         self.intersect(isa, RayClass::Camera, survivors..self.paths.len);
+        self.first_hits(isa);
         let (paths, hits) = (self.paths.clone(), self.hits.clone());
         let sorted = self.material_sort(isa);
         let order = self.order.clone();
