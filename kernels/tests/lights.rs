@@ -921,7 +921,7 @@ fn kinds_have_bits_and_names_of_their_own() {
     }
     assert_eq!(all, kind::ALL);
     assert_eq!(kind::ALL & !kind::SAMPLED, kind::UNSAMPLED);
-    let points = kind::POINT | kind::SPOT | kind::GONIOMETRIC | kind::DISTANT;
+    let points = kind::POINT | kind::SPOT | kind::STRETCHED_SPOT | kind::GONIOMETRIC | kind::DISTANT;
     assert_eq!(kind::ALL & !kind::SURFACES, points);
 }
 
