@@ -371,11 +371,12 @@ fn an_empty_scene_shows_its_sky() {
     assert!(dark.developed.pixels.iter().all(|&pixel| pixel == [0.0; 3]));
 }
 
-/// An endless render that is interrupted: what was begun is complete, and the image is right.
+/// A long render that is interrupted: what was begun is complete, and the image is right.
 #[test]
 fn an_interrupted_render_is_consistent() {
     for engine in ENGINES {
-        let render = Render { engine, spp: None, batch: 1000, ..Render::default() };
+        let time = Some(Duration::from_secs(600));
+        let render = Render { engine, spp: None, time, batch: 1000, ..Render::default() };
         let rendered = render.watched(&everything(), |done, interrupted| {
             interrupted.store(done.samples.load(Ordering::Relaxed) > 20_000, Ordering::Relaxed);
         });
