@@ -202,7 +202,7 @@ impl Bounds {
         (self.high - self.low).length()
     }
     fn is_empty(&self) -> bool {
-        !(self.low.x <= self.high.x)
+        self.low.x.is_nan() || self.high.x.is_nan() || self.low.x > self.high.x
     }
     fn contains(&self, other: &Bounds) -> bool {
         self.low.cmple(other.low).all() && self.high.cmpge(other.high).all()
@@ -391,7 +391,7 @@ impl<'a> Search<'a> {
                 let [a, b, c] = triangle.map(|index| vertex(mesh, index));
                 let length = (b - a).length().max((c - b).length()).max((a - c).length());
                 let height = (b - a).cross(c - a).length() / length;
-                if !(height > 0.0) {
+                if height.is_nan() || height <= 0.0 {
                     degenerate += 1;
                 } else if length / height > SLIVER {
                     slivers += 1;
@@ -486,7 +486,7 @@ impl<'a> Search<'a> {
             Geometry::Mesh(_) => {
                 let Some(mesh) = self.mesh(shape) else { return false };
                 // Crossings of rays in two directions that are special to nothing: an open mesh seldom fools both.
-                [DVec3::new(0.3527, 0.8113, 0.4663), DVec3::new(-0.7071, 0.1303, 0.6949)]
+                [DVec3::new(0.3527, 0.8113, 0.4663), DVec3::new(-0.7072, 0.1303, 0.6949)]
                     .iter()
                     .all(|&direction| crossings(mesh, p, direction) % 2 == 1)
             }

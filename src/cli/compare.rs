@@ -106,11 +106,11 @@ fn table(measures: &str, own: &OwnError, flip: f64) -> String {
     let mut lines = Vec::new();
     for line in measures.lines() {
         lines.push(line.to_string());
-        if line.starts_with("relMSE ") {
-            if let (Some(known), Some(less)) = (own.known, own.less) {
-                lines.push(format!("{:<16}  {known:>12.6e}  (the reference's own)", ""));
-                lines.push(format!("{:<16}  {less:>12.6e}  (less the reference's own)", ""));
-            }
+        if line.starts_with("relMSE ")
+            && let (Some(known), Some(less)) = (own.known, own.less)
+        {
+            lines.push(format!("{:<16}  {known:>12.6e}  (the reference's own)", ""));
+            lines.push(format!("{:<16}  {less:>12.6e}  (less the reference's own)", ""));
         }
         if line.starts_with("SMAPE") {
             lines.push(format!("{:<16}  {flip:>12.6e}", "FLIP"));

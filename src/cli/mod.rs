@@ -52,6 +52,7 @@ pub struct Cli {
 
 /// The subcommands.
 #[derive(Debug, Subcommand)]
+#[allow(clippy::large_enum_variant, reason = "there is one, for the length of the process")]
 pub enum Command {
     /// Render a scene and report its cost and its error
     #[command(after_help = "\

@@ -287,7 +287,7 @@ impl<'s> Render<'s> {
             return wrong("the number of paths in a pool", batch.to_string(), &format!("{least} to {most}"));
         }
         if let Some(error) = self.error
-            && !(error > 0.0)
+            && (error.is_nan() || error <= 0.0)
         {
             return wrong("the error to render to", error.to_string(), "a number above 0");
         }

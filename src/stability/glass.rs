@@ -78,7 +78,7 @@ fn interfaces() -> Vec<Case> {
 
 /// Around the critical angle, in steps of the last place: the largest error of the reflectance.
 fn critical() -> impl Iterator<Item = Case> {
-    [1.000_976_562_5f32, 1.5, 2.4, 10.0].into_iter().map(|index| {
+    [1.000_976_6f32, 1.5, 2.4, 10.0].into_iter().map(|index| {
         Case::compute(
             format!("glass/critical-angle-{index}"),
             format!("reflectance within 64 roundings of the critical angle of index {index}: largest error"),

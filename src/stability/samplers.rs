@@ -151,7 +151,7 @@ pub fn cases() -> Vec<Case> {
     };
     cases.push(mean(
         "late-mean-sobol",
-        || late_mean::<Sobol>(),
+        late_mean::<Sobol>,
         Tolerance::relative(1e-4, "half of a stratum of 2^-16, and its jitter"),
     ));
     cases.push(mean(

@@ -466,7 +466,7 @@ mod tests {
         let n = 1_000;
         let stick = |i: usize| {
             let [x, y] = [i % 31, i / 31 % 33].map(|k| k as f32);
-            let [along, across] = if i % 2 == 0 { [100.0, 0.01] } else { [0.01, 100.0] };
+            let [along, across] = if i.is_multiple_of(2) { [100.0, 0.01] } else { [0.01, 100.0] };
             [[x - along, y - across, 0.0], [x + along, y - across, 0.0], [x + along, y + across, 0.0]]
         };
         let g = Geometry::soup((0..n).flat_map(stick).collect(), Vec::new());
