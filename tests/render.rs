@@ -148,7 +148,7 @@ fn the_report_says_what_adaptive_sampling_did() {
     let (few, told) = report("two-spheres.pbrt", &["--spp", "2", "--adaptive"]);
     assert!(few["adaptive"]["used"] == false && few["adaptive"]["predicted_gain"].is_null());
     assert!(told.contains("too few of them to decide"), "{told}");
-    let ends: [&[&str]; 2] = [&["--spp", "64"], &["--error", "1e-4", "--spp", "1000", "--time", "60s"]];
+    let ends: [&[&str]; 2] = [&["--spp", "64"], &["--error", "2e-5", "--spp", "1000", "--time", "60s"]];
     for end in ends {
         let (used, told) = report("two-spheres.pbrt", &[end, &["--adaptive", "--layers"]].concat());
         let adaptive = &used["adaptive"];
