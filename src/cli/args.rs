@@ -751,7 +751,7 @@ mod tests {
     #[test]
     fn the_other_subcommands() {
         let plan: PlanArgs = parse("a.pbrt --json").unwrap();
-        assert!(plan.json && plan.scene == PathBuf::from("a.pbrt") && plan.spp.is_none());
+        assert!(plan.json && plan.scene.as_path() == std::path::Path::new("a.pbrt") && plan.spp.is_none());
         let convert: ConvertArgs = parse("a.exr b.png c.exr --layer stderr").unwrap();
         assert_eq!((convert.outputs.len(), convert.layer.as_deref()), (2, Some("stderr")));
         let bench: BenchArgs = parse("a.pbrt b.pbrt").unwrap();

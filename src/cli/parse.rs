@@ -8,8 +8,8 @@ use super::args::{Aov, Crop, Resolution};
 use crate::engine::wavefront::BATCHES;
 use crate::picture::MAX_PIXELS;
 use crate::time_span;
-use wavepath_kernels::isa::Level;
 use wavepath_kernels::channels::{Channel, ChannelSet};
+use wavepath_kernels::isa::Level;
 
 /// A span of time: `30s`, `1m30s`, `2h`, `500ms`; a plain number counts seconds.
 pub fn duration(text: &str) -> Result<Duration, String> {

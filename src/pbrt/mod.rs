@@ -184,7 +184,7 @@ fn load_as(
             Ok(Some(statement)) => match builder.statement(statement, parser.directory()) {
                 Ok(Flow::On) => {}
                 Ok(Flow::Ended) => break,
-                Err(problem) => return Err(fail(&sources, &builder.failure(parser.trace(problem)))),
+                Err(problem) => return Err(fail(&sources, &builder.failure(*parser.trace(problem)))),
             },
             Ok(None) => break,
             Err(problem) => {
@@ -194,7 +194,7 @@ fn load_as(
                     _ => None,
                 };
                 let problem = parser.trace(foreign.unwrap_or(problem));
-                return Err(fail(&sources, &builder.failure(problem)));
+                return Err(fail(&sources, &builder.failure(*problem)));
             }
         }
     }

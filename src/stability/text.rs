@@ -50,6 +50,7 @@ impl Text {
         self
     }
     /// Adds directives.
+    #[allow(clippy::should_implement_trait, reason = "text is added, not summed")]
     pub fn add(mut self, text: impl AsRef<str>) -> Self {
         self.world.push_str(text.as_ref());
         self.world.push('\n');

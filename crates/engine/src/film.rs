@@ -654,4 +654,5 @@ pub fn unit_paths(samples: u32) -> usize {
 }
 
 #[cfg(test)]
+#[allow(clippy::single_range_in_vec_init, reason = "lists of ranges, of which there is one here")]
 pub(crate) mod tests;

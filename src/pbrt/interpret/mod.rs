@@ -589,7 +589,7 @@ impl Builder {
     /// Ends the scene.
     pub(crate) fn finish(mut self) -> std::result::Result<Finished, Vec<Problem>> {
         if let Err(problem) = self.close() {
-            return Err(self.failure(problem));
+            return Err(self.failure(*problem));
         }
         let mut lacks = self.take_lacks();
         if !self.deferred.is_empty() || !(lacks.is_empty() || self.lenient) {
@@ -608,9 +608,9 @@ impl Builder {
     }
 
     /// Everything there is to say after an error: mistakes that were found before it, and what is lacking.
-    pub(crate) fn failure(&mut self, problem: Box<Problem>) -> Vec<Problem> {
+    pub(crate) fn failure(&mut self, problem: Problem) -> Vec<Problem> {
         let mut all = std::mem::take(&mut self.deferred);
-        all.push(*problem);
+        all.push(problem);
         all.extend(self.take_lacks());
         all
     }

@@ -431,5 +431,5 @@ fn memory_is_as_stated() {
     assert_eq!(Film::replicates_for_render(frame(100), requirements, Some(20)), 4);
     // Above 4 GiB, two parts.
     assert_eq!(Film::replicates_for_render(frame(16384), requirements, None), 2);
-    assert_eq!(bytes(16384, Some(64)), 2 * 48 << 28);
+    assert_eq!(bytes(16384, Some(64)), (2 * 48) << 28);
 }
