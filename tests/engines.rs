@@ -341,7 +341,7 @@ fn a_sheet_reflects_and_transmits() {
         (4.0, sky, [0.8, 0.7, 0.6]),
         (-4.0, sky, [0.8, 0.7, 0.6]),
         (4.0, lamp, [0.2, 0.5, 0.3]),
-        (-4.0, &lamp[..], [0.6, 0.2, 0.3]),
+        (-4.0, lamp, [0.6, 0.2, 0.3]),
     ] {
         let scene = sheet(from_z, light);
         let [a, b] = ENGINES.map(|engine| Render { engine, spp: Some(256), ..Render::default() }.of(&scene));

@@ -99,7 +99,8 @@ fn time_and_error_take_the_same_samples() {
         for replicate in 0..replicates::REPLICATES {
             let held = film.held(block, replicate);
             let expected = replicates::samples_of(replicate, spp);
-            assert_eq!(held, if expected == 0 { vec![] } else { vec![0..expected] });
+            let expected = (expected > 0).then_some(0..expected);
+            assert_eq!(held, expected.into_iter().collect::<Vec<_>>());
         }
     }
 }
