@@ -43,7 +43,8 @@ fn conductor_channel<F: Real>(cos_i: F, eta: F, k: F) -> F {
     let rs = (t1 - t2).max(F::zero()) / (t1 + t2).max(tiny);
     let t3 = cos2.mul_add(a2_plus_b2, sin2 * sin2);
     let t4 = t2 * sin2;
-    let rp = rs * (t3 - t4).max(F::zero()) / (t3 + t4).max(tiny);
+    // Where both are 0 (index 0, no slant) this is as much as the other.
+    let rp = rs * (t3 - t4).max(tiny) / (t3 + t4).max(tiny);
     F::lit(0.5) * (rp + rs)
 }
 
