@@ -65,9 +65,9 @@ pub struct TraversalStack {
 }
 
 impl TraversalStack {
-    /// Nodes that have room.
+    /// Nodes that have room when packets are traced.
     pub fn room(&self) -> usize {
-        self.lanes.len().max(self.nodes.len())
+        self.lanes.len()
     }
 }
 
