@@ -713,7 +713,10 @@ mod tests {
 
     /// The world of a scene with a camera at (0, 0, 10).
     fn found(world: &str) -> Report {
-        let scene = format!("LookAt 0 0 10  0 0 0  0 1 0\nCamera \"perspective\"\nWorldBegin\n{world}");
+        // A sky at the end: without light the reader has something to say.
+        let scene = format!(
+            "LookAt 0 0 10  0 0 0  0 1 0\nCamera \"perspective\"\nWorldBegin\n{world}\nLightSource \"infinite\""
+        );
         check("scene", &crate::pbrt::load_str(&scene, "scene", std::path::Path::new("")).unwrap())
     }
     fn kinds(world: &str) -> Vec<Kind> {
@@ -763,7 +766,7 @@ mod tests {
 
     #[test]
     fn described_in_code() {
-        let text = "WorldBegin\nShape \"sphere\"\nShape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0]";
+        let text = "WorldBegin\nShape \"sphere\"\nShape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0]\nLightSource \"infinite\"";
         let mut loaded = crate::pbrt::load_str(text, "scene", std::path::Path::new("")).unwrap();
         loaded.places = Default::default();
         loaded.scene.meshes[0].triangles.push([0, 1, 1]);

@@ -148,7 +148,7 @@ fn the_command_writes_tables_and_a_page() {
         "{text}"
     );
     let page = std::fs::read_to_string(folder.path().join("stability.html")).unwrap();
-    assert!(page.contains("furnace-depth-3") && !page.contains("http"), "the page stands alone");
+    assert!(page.contains("furnace-depth-3") && !page.contains("://"), "the page stands alone");
     let json = std::fs::read_to_string(folder.path().join("stability.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!(json["rows"].as_array().unwrap().len(), 14);

@@ -86,7 +86,7 @@ fn descriptions_of_no_scene_are_refused_by_name() {
     for bad in BAD.into_iter().chain([-1.0]) {
         assert_refused("camera 0: the radius of its lens", |s| s.camera.lens_radius = bad);
         assert_refused("filter 0: its radius", |s| s.filter = Filter::Box { radius: [bad, 1.0] });
-        assert_refused("material 0: its", |s| {
+        assert_refused("material 0: lambert: reflectance", |s| {
             s.materials[0] =
                 Material::Diffuse { reflectance: [0.5, bad as f32, 0.5].into(), sigma: 0.0.into() };
         });
@@ -167,11 +167,11 @@ fn parts_of_other_renders_are_refused() {
     let wide = Tree::build(EngineKind::Wavefront, &scene);
     let naive = Tree::build(EngineKind::Megakernel, &scene);
     let small = wavepath::Scene::new("small", description()).unwrap();
-    let film = || -> Film { Render::new(&small).spp(1).film().unwrap() };
     let settings = |engine| Settings { engine, threads: 1, ..Render::new(&small).settings().clone() };
     let session = |plan: &Plan, tree: &Tree, settings: &Settings| -> Result<(), SessionError> {
         let stop = Stop { spp: Some(1), time: None, interrupted: Default::default() };
-        let film = film();
+        let frame = small.description().film.frame();
+        let film = Film::for_render(frame, plan.requirements(), settings).unwrap();
         let mut session = Session::new(&scene, plan, tree, &film, settings, stop)?;
         session.run(None, |_| ());
         Ok(())

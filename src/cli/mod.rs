@@ -128,8 +128,18 @@ Examples:
   wavepath converge scene.pbrt --external pbrt:90s:p.exr --reference r.exr -o d")]
     Converge(args::ConvergeArgs),
     /// Look for what in a scene is numerically dangerous, or probably a mistake
+    #[command(after_help = "\
+Examples:
+  wavepath check scene.pbrt             what deserves a look, and the digits left
+  wavepath check scene.pbrt --json      the same for scripts
+  wavepath check scene.pbrt | head      the first of it")]
     Check(args::CheckArgs),
     /// Measure stiff and extreme cases whose values are known
+    #[command(after_help = "\
+Examples:
+  wavepath stability                    all cases, in some minutes
+  wavepath stability --case glass       those with glass in their name
+  wavepath stability -o out             with a page: out/stability.html")]
     Stability(args::StabilityArgs),
 }
 

@@ -159,7 +159,7 @@ mod tests {
 
     /// Midpoint rule over the hemisphere: mean over directions of density cos / pi.
     fn hemisphere(f: impl Fn(f64, f64) -> f64) -> f64 {
-        const N: usize = 1000;
+        const N: usize = 3000;
         let mut sum = 0.0;
         for i in 0..N {
             let sin = ((i as f64 + 0.5) / N as f64).sqrt();
