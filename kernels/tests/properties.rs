@@ -207,7 +207,9 @@ proptest! {
             assert_consistent(&row, wo, u, bound)?;
         }
         let bound = 4e-6 * f64::from(1.0 + 1.0 / (alpha * (wo[2] + wi[2])));
-        if bound < 0.1 {
+        // An index of almost 1 reflects less than the rounding of what is subtracted.
+        let reflects = |(eta, k): (&f32, &f32)| (eta - 1.0).powi(2) + k * k > 1e-4;
+        if bound < 0.1 && eta.iter().zip(&k).all(reflects) {
             assert_reciprocal(&row, wo, wi, bound)?;
         }
     }

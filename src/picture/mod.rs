@@ -363,10 +363,10 @@ pub fn write(path: &Path, image: &Image, exposure: f32) -> Result<(), ImageError
     write_encoded(path, image, &Encoding { exposure, ..Encoding::default() })
 }
 
-/// As [`write`], with everything that can be chosen.
+/// As [`write()`], with everything that can be chosen.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_encoded(path: &Path, image: &Image, encoding: &Encoding) -> Result<(), ImageError> {
     let format = ImageFormat::from_path(path)?;
     let encoded = image.validate().map_err(EncodeError).and_then(|()| {

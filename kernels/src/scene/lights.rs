@@ -1,7 +1,7 @@
 //! Lights: the table of their kinds, and how each kind is sampled: a direction towards it, the density of that
 //! direction, and the same density for a direction that was found otherwise.
 //!
-//! To add a kind: a file beside `goniometric.rs`, and a line in [`light_kinds`].
+//! To add a kind: a file beside `goniometric.rs`, and a line in `light_kinds!`.
 
 mod cylinder;
 pub mod goniometric;

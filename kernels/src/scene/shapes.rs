@@ -1,7 +1,7 @@
 //! Shapes that need not be fast: parts of spheres, disks, cylinders, stretched and turned at will. One ray, one surface,
 //! in object space and double precision. They are rare; being right counts.
 //!
-//! To add one: a file beside `cylinder.rs`, and a line in [`quadrics`].
+//! To add one: a file beside `cylinder.rs`, and a line in `quadrics!`.
 
 mod cylinder;
 mod disk;

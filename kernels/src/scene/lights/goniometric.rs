@@ -3,9 +3,11 @@
 //! One pattern so far, the batwing of lamps that light streets and large rooms: around the axis, with `c` the cosine of
 //! the angle between axis and direction, the intensity relative to the largest one is
 //!
+//! ```text
 //!     (1 / (2 c))^3    for 1/2 <= c,
 //!     3 x^2 - 2 x^3    for 0 <= c < 1/2, x = 2 c,
 //!     0                behind.
+//! ```
 //!
 //! On a plane across the axis the irradiance of a point light falls with c^3 (c^2 for the distance, c for the
 //! inclination), so out to 60 degrees it is the same everywhere; it fades out further on. The pattern integrates to 7/8
