@@ -130,7 +130,7 @@ Examples:
     /// Look for what in a scene is numerically dangerous, or probably a mistake
     #[command(after_help = "\
 Examples:
-  wavepath check scene.pbrt             what deserves a look, and the digits left
+  wavepath check scene.pbrt             what deserves a look, and digits left
   wavepath check scene.pbrt --json      the same for scripts
   wavepath check scene.pbrt | head      the first of it")]
     Check(args::CheckArgs),
