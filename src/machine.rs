@@ -3,6 +3,11 @@
 use std::fs;
 use std::time::{SystemTime, UNIX_EPOCH};
 
+/// Threads that a render takes if nothing else is said: one for each processor.
+pub fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 /// Name of the processor: its brand string where the system tells it, else the architecture.
 pub fn cpu_name() -> String {
     brand_from_cpuid().or_else(brand_from_proc).unwrap_or_else(|| std::env::consts::ARCH.into())

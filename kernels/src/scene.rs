@@ -169,8 +169,4 @@ impl Scene {
     pub fn max_depth(&self) -> u32 {
         self.parts.max_depth
     }
-    /// Largest component of any light's radiance or intensity, the sky's included; 0 without lights.
-    pub fn brightest(&self) -> f32 {
-        self.environment().into_iter().fold(self.lights().brightest(), f32::max)
-    }
 }

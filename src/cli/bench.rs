@@ -22,7 +22,7 @@ const PIXELS: f64 = 65_536.0;
 /// Measures.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     let scenes = if args.scenes.is_empty() { shipped(args)? } else { args.scenes.clone() };
-    let most = std::thread::available_parallelism().map_or(1, usize::from);
+    let most = machine::threads();
     let effort = Effort { rounds: args.rounds, each: args.each, threads: args.threads.unwrap_or(most) };
     let mut figures = Figures {
         cpu: machine::cpu_name(),

@@ -4,11 +4,12 @@ use std::path::Path;
 
 use super::args::{ConvergeArgs, FrameArgs};
 use super::open::open;
-use super::{Failure, output, render};
+use super::{Failure, output};
 use crate::converge::experiment::{self, Conditions, ConvergeError, Frame, Results};
 use crate::converge::files::{self, FilesError};
 use crate::converge::summary::Summary;
 use crate::converge::{Experiment, Measure, html, table};
+use crate::machine;
 use crate::picture::{self, Image};
 use crate::scene::SceneOptions;
 
@@ -32,7 +33,7 @@ pub(super) fn run(args: &ConvergeArgs) -> Result<(), Failure> {
         adaptive: args.adaptive,
         budget: args.budget,
         seeds: args.seeds,
-        threads: args.threads.unwrap_or_else(render::default_threads),
+        threads: args.threads.unwrap_or_else(machine::threads),
         reference,
         externals,
         command_line: std::env::args().collect(),

@@ -2,9 +2,10 @@
 
 use super::args::PlanArgs;
 use super::open::open;
-use super::{Failure, output, render};
+use super::{Failure, output};
 use crate::engine::wavefront;
 use crate::film::Film;
+use crate::machine;
 use crate::scene::SceneOptions;
 
 /// Prints the plan.
@@ -18,7 +19,7 @@ pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
     let [x0, x1, y0, y1] = film.pixel_bounds;
     let pixels = (x1 - x0) as u64 * (y1 - y0) as u64;
     let bytes = Film::bytes_for_render(film.frame(), plan.requirements(), Some(spp));
-    let threads = args.threads.unwrap_or_else(render::default_threads);
+    let threads = args.threads.unwrap_or_else(machine::threads);
     let batch = args.batch.unwrap_or(wavefront::DEFAULT_BATCH);
     let queues =
         threads as u64 * (batch as u64 * plan.bytes_per_path as u64 + plan.shadow_queue_bytes as u64);

@@ -269,8 +269,3 @@ fn default_output(description: &SceneDescription, scene: &Path) -> PathBuf {
         }
     }
 }
-
-/// One for each processor.
-pub(super) fn default_threads() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
-}

@@ -22,6 +22,7 @@ use crate::engine::session::{MOST_SPP, Session, SessionError};
 use crate::engine::{Done, EngineKind, SamplerKind, Settings, Tree, wavefront};
 use crate::film::live_error::LiveError;
 use crate::film::{Film, FilmError};
+use crate::machine;
 use crate::memory;
 use crate::plan::Plan;
 use crate::scene::Scene;
@@ -77,6 +78,19 @@ pub enum RenderError {
     },
 }
 
+impl From<SessionError> for RenderError {
+    fn from(error: SessionError) -> Self {
+        match error {
+            SessionError::Choice { what, found, expected } => RenderError::Choice { what, found, expected },
+            SessionError::Film(error) => RenderError::Film(error),
+            SessionError::Threads { threads, reason } => {
+                RenderError::Threads { threads, reason: reason.to_string() }
+            }
+            other => RenderError::Session(other),
+        }
+    }
+}
+
 /// How far a render is.
 #[derive(Debug)]
 pub struct Update<'a> {
@@ -128,7 +142,7 @@ impl<'s> Render<'s> {
         let settings = Settings {
             engine: EngineKind::Wavefront,
             sampler: sampler.kind,
-            threads: std::thread::available_parallelism().map_or(1, usize::from),
+            threads: machine::threads(),
             seed: sampler.seed,
             batch: wavefront::DEFAULT_BATCH,
             level: Level::detect(),
@@ -264,7 +278,7 @@ impl<'s> Render<'s> {
     /// # Errors
     /// [`RenderError::Choice`].
     pub fn check(&self) -> Result<(), RenderError> {
-        let Settings { threads, batch, .. } = self.settings;
+        self.settings.check()?;
         let wrong = |what, found: String, expected: &str| {
             Err(RenderError::Choice { what, found, expected: expected.into() })
         };
@@ -278,13 +292,6 @@ impl<'s> Render<'s> {
             if self.settings.adaptive || self.error.is_some() {
                 return wrong("the end of a part", "adaptive or an error".into(), "the range of its samples");
             }
-        }
-        if threads == 0 {
-            return wrong("the number of threads", "0".into(), "1 or more");
-        }
-        if !wavefront::BATCHES.contains(&batch) {
-            let (least, most) = wavefront::BATCHES.into_inner();
-            return wrong("the number of paths in a pool", batch.to_string(), &format!("{least} to {most}"));
         }
         if let Some(error) = self.error
             && (error.is_nan() || error <= 0.0)
@@ -324,13 +331,7 @@ impl<'s> Render<'s> {
             Some(part) => session.samples(part.clone()),
             None => session,
         });
-        session.map_err(|error| match error {
-            SessionError::Threads { threads, reason } => {
-                RenderError::Threads { threads, reason: reason.to_string() }
-            }
-            SessionError::Film(error) => RenderError::Film(error),
-            other => RenderError::Session(other),
-        })
+        Ok(session?)
     }
 
     /// Renders.

@@ -20,7 +20,7 @@ use core::fmt;
 ///
 /// ```compile_fail,E0277
 /// use wavepath_kernels::lanes::Real;
-/// use wavepath_kernels::shade::lambert::{DiffuseReflection, Evaluated};
+/// use wavepath_kernels::shade::lambert::{DiffuseReflection, Evaluated, Lambert};
 /// use wavepath_kernels::shade::materials::Material;
 /// use wavepath_kernels::shade::parameters::{BadParameter, Parameters};
 ///
@@ -30,11 +30,14 @@ use core::fmt;
 ///     type Evaluated<F: Real> = Evaluated<F>;
 ///     const WIDTH: usize = 3;
 ///     fn write(&self, _rows: &mut Vec<f32>) -> Result<(), BadParameter> { Ok(()) }
-///     unsafe fn evaluate<F: Real>(_rows: &[f32], _row: F::Uint) -> Evaluated<F> { todo!() }
+///     unsafe fn evaluate<F: Real>(rows: &[f32], row: F::Uint) -> Evaluated<F> {
+///         // SAFETY: the caller's promise.
+///         unsafe { <Lambert as Parameters>::evaluate::<F>(rows, row) }
+///     }
 /// }
 /// impl Material for Forgotten {
 ///     type Bsdf<F: Real> = DiffuseReflection<F>;
-///     fn bsdf<F: Real>(at: Evaluated<F>) -> DiffuseReflection<F> { todo!() }
+///     fn bsdf<F: Real>(at: Evaluated<F>) -> DiffuseReflection<F> { Lambert::bsdf(at) }
 /// }
 /// ```
 pub trait Material: Parameters + Listed {
