@@ -28,6 +28,7 @@ use crate::pbrt::{Diagnostic, Loaded, Location, Severity};
 use crate::scene::{Geometry, Light, Material, Mesh, Parameter, Shape};
 use glam::DVec3;
 use serde::Serialize;
+use std::cell::Cell;
 use std::collections::HashMap;
 use std::fmt;
 
@@ -151,6 +152,8 @@ const SLIVER: f64 = 1e6;
 const BRIGHTER: f64 = 1e6;
 /// Triangles of a mesh that [`add_severe`] looks at one by one: more would be felt at each start.
 const QUICK: usize = 100_000;
+/// Triangles that it tests in all when it looks for what lies inside of meshes: some hundredths of a second.
+const QUICK_TESTS: usize = 40 * QUICK;
 
 /// Looks at everything.
 pub fn check(name: &str, scene: &Loaded) -> Report {
@@ -256,6 +259,8 @@ struct Search<'a> {
     bounds: Vec<Bounds>,
     /// Meshes with more triangles are not looked at one triangle after the other.
     most: usize,
+    /// Triangles that may still be tested for what lies inside of meshes.
+    tests_left: Cell<usize>,
     digits_left: f64,
     extent: f64,
     findings: Vec<Finding>,
@@ -272,7 +277,8 @@ impl<'a> Search<'a> {
             all.add(b.high);
         }
         let extent = if all.is_empty() { 0.0 } else { all.diagonal() };
-        Search { scene, bounds, most, digits_left: DIGITS, extent, findings: Vec::new() }
+        let tests_left = Cell::new(if most == usize::MAX { usize::MAX } else { QUICK_TESTS });
+        Search { scene, bounds, most, tests_left, digits_left: DIGITS, extent, findings: Vec::new() }
     }
 
     fn all(&mut self) {
@@ -485,6 +491,10 @@ impl<'a> Search<'a> {
             }
             Geometry::Mesh(_) => {
                 let Some(mesh) = self.mesh(shape) else { return false };
+                let Some(left) = self.tests_left.get().checked_sub(2 * mesh.triangles.len()) else {
+                    return false;
+                };
+                self.tests_left.set(left);
                 // Crossings of rays in two directions that are special to nothing: an open mesh seldom fools both.
                 [DVec3::new(0.3527, 0.8113, 0.4663), DVec3::new(-0.7072, 0.1303, 0.6949)]
                     .iter()
