@@ -2,7 +2,8 @@
 # Makes the meshes of the scenes.
 #
 #   scenes/make-meshes.sh         the small ones in scenes/meshes/, which are committed
-#   scenes/make-meshes.sh large   the large ones in scenes/meshes/generated/, which are not
+#   scenes/make-meshes.sh large   the large ones in scenes/meshes/generated/, which are not: as their scenes say in a
+#                                 comment, by which `wavepath render` makes them when they are missing
 #
 # WAVEPATH names the program, if it should not be built here. A test reads the lines that begin with "mesh" and holds
 # the committed files to what they make.
@@ -13,9 +14,10 @@ mesh() { $WAVEPATH mesh "$@"; }
 
 if [ "${1:-}" = large ]; then
     mkdir -p meshes/generated
-    mesh terrain --cells 1024 --size 14 --relief 4.2 --scale 3.2 --basin 0.93 --octaves 11 --seed 12 -o meshes/generated/terrain.ply
-    mesh julia --c -0.2 0.6 0.2 0.2 --cells 320 --shell 0.006 -o meshes/generated/julia.ply
-    mesh menger --levels 4 -o meshes/generated/menger-4.ply
+    sed -n 's/^# made by: wavepath mesh //p' ./*.pbrt | while read -r line; do
+        # shellcheck disable=SC2086 # words of a command
+        mesh $line </dev/null
+    done
     exit
 fi
 

@@ -20,14 +20,17 @@
 //! "Adaptive Sampling and Reconstruction using Greedy Error Minimization", 2011).
 
 pub mod flip;
+mod own;
 
 use std::borrow::Cow;
 use std::fmt;
 
 use serde::Serialize;
 
-use crate::picture::{Image, Samples};
+use crate::picture::Image;
 use crate::report::Report;
+
+pub use own::{BLOCK, Block, OwnError, own_error, own_error_map};
 
 /// Added to `R^2` in relMSE and to the denominators of MAPE and SMAPE.
 pub use wavepath_engine::film::EPSILON;
@@ -148,13 +151,7 @@ pub fn relative_error_map(image: &Image, reference: &Image) -> Result<Vec<f32>, 
 ///
 /// `whole` is the reference as it was read, `part` what is compared of it.
 pub fn own_relmse(whole: &Image, part: &Image) -> Option<f64> {
-    let layers = ["stderr.R", "stderr.G", "stderr.B"].map(|name| {
-        part.channels.iter().find_map(|channel| match &channel.samples {
-            Samples::Float(values) if channel.name == name => Some(values.as_slice()),
-            _ => None,
-        })
-    });
-    if let [Some(red), Some(green), Some(blue)] = layers {
+    if let Some([red, green, blue]) = own::standard_errors(part) {
         let (mut sum, mut pixels) = (0.0, 0_u64);
         for (pixel, colour) in part.pixels.iter().enumerate() {
             let (r, errors) = (wide(*colour), wide([red[pixel], green[pixel], blue[pixel]]));
@@ -333,6 +330,7 @@ impl fmt::Display for Comparison {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::picture::Samples;
     use crate::picture::{Channel, DataWindow};
 
     fn close(value: f64, expected: f64) {

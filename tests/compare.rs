@@ -286,3 +286,38 @@ fn a_wrong_command_line_has_status_2() {
         assert!(!output.stderr.is_empty());
     }
 }
+
+/// A picture of two halves, the right one with errors, as `render --layers` writes them.
+#[test]
+fn a_picture_says_where_its_error_is() {
+    use wavepath::picture::{Channel, Samples, write};
+    let folder = Folder::new("own-error");
+    let path = folder.path("own.exr");
+    let mut image = Image::new(64, 32, vec![[1.0; 3]; 64 * 32]);
+    let errors: Vec<f32> = (0..64 * 32).map(|i| if i % 64 < 32 { 0.0 } else { 0.1 }).collect();
+    image.channels = ["stderr.B", "stderr.G", "stderr.R"]
+        .map(|name| Channel { name: name.into(), samples: Samples::Float(errors.clone()) })
+        .into();
+    write(&path, &image, 0.0).unwrap();
+    let run = |path: &Path, options: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_wavepath")).arg("compare").arg(path).args(options).output().unwrap()
+    };
+    let map = folder.path("map.exr");
+    let output = run(&path, &["--json", "--map", map.to_str().unwrap()]);
+    let own: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    // s^2 / (1 + 0.01) over half of the pixels.
+    assert!((own["relmse"].as_f64().unwrap() - 0.005 / 1.01).abs() < 1e-7, "{own}");
+    assert_eq!(own["worst"].as_array().unwrap().len(), 4);
+    assert!(own["worst"][0]["crop"][0].as_i64().unwrap() >= 32, "{own}");
+    let map = wavepath::picture::read(&map).unwrap();
+    assert!(map.pixel(3, 3) == [0.0; 3] && (map.pixel(40, 3)[0] - 0.01 / 1.01).abs() < 1e-7);
+    assert_eq!(run(&path, &["--fail-above", "0.01"]).status.code(), Some(0));
+    assert_eq!(run(&path, &["--fail-above", "0.001"]).status.code(), Some(1));
+    let table = String::from_utf8(run(&path, &[]).stdout).unwrap();
+    assert!(table.contains("worst blocks") && table.contains("--crop "), "{table}");
+    // Without layers there is nothing to say.
+    write(&path, &Image::new(2, 2, vec![[1.0; 3]; 4]), 0.0).unwrap();
+    let output = run(&path, &[]);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(2) && text.contains("--layers"), "{text}");
+}

@@ -335,7 +335,7 @@ fn attributes_are_typed_and_half_is_half() {
         }
     }
     fs::write(scratch.file("s.pbrt"), with_fp16(false)).unwrap();
-    scratch.done(&["render", "s.pbrt", "-q", "-o", "h.exr"]);
+    scratch.done(&["render", "s.pbrt", "-q", "-o", "h.exr", "--exr-tiles", "16"]);
     assert_eq!(picture::read(&scratch.file("h.exr")).unwrap().pixels, image.pixels);
 }
 

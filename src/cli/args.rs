@@ -1,6 +1,7 @@
 //! The arguments of each subcommand, as data.
 
 use std::fmt;
+use std::num::NonZeroU16;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -194,6 +195,10 @@ pub struct EncodingArgs {
     /// Compression of EXR files; all of them keep every bit
     #[arg(long, value_enum, default_value_t = CompressionChoice::Zip, help_heading = OUTPUT)]
     pub compression: CompressionChoice,
+
+    /// EXR files in square tiles of N pixels a side, for programs that show parts of big pictures [default: in lines]
+    #[arg(long, value_name = "N", value_parser = parse::tile, help_heading = OUTPUT)]
+    pub exr_tiles: Option<NonZeroU16>,
 }
 
 impl EncodingArgs {
@@ -215,6 +220,7 @@ impl EncodingArgs {
                 CompressionChoice::Zip => Compression::Zip,
                 CompressionChoice::Piz => Compression::Piz,
             },
+            tile: self.exr_tiles,
         }
     }
 }
@@ -331,9 +337,10 @@ pub struct CompareArgs {
     #[arg(value_name = "IMAGE")]
     pub image: PathBuf,
 
-    /// What it should be. Both may be OpenEXR, PNG or Radiance HDR; one may show a part of the other's frame
+    /// What it should be. Both may be OpenEXR, PNG or Radiance HDR; one may show a part of the other's frame. Without it:
+    /// where the image itself estimates its error (an EXR file of `render --layers`)
     #[arg(value_name = "REFERENCE")]
-    pub reference: PathBuf,
+    pub reference: Option<PathBuf>,
 
     /// Print one JSON object instead of a table
     #[arg(long)]
@@ -672,7 +679,7 @@ mod tests {
             "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --adaptive --layers --aov depth,all --tev localhost:14158 --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
              --spherical-lights area --traversal mixed --report c.json -q -o b.png --half --tonemap agx --bits 16 \
-             --compression piz --no-clobber --crop 0,0.5,0,1 --lenient",
+             --compression piz --exr-tiles 64 --no-clobber --crop 0,0.5,0,1 --lenient",
         )
         .unwrap();
         let expected = RenderArgs {
@@ -691,6 +698,7 @@ mod tests {
                 bits: 16,
                 half: true,
                 compression: CompressionChoice::Piz,
+                exr_tiles: NonZeroU16::new(64),
             },
             spp: Some(16),
             time: Some(Duration::from_secs(90)),
@@ -766,7 +774,8 @@ mod tests {
         assert_eq!(converge.external[0].name, "b");
         let error = parse::<ConvergeArgs>("a.pbrt --seeds 0 -o c").unwrap_err();
         assert!(error.to_string().contains("from 1 to 1000"), "{error}");
-        let error = parse::<CompareArgs>("a.exr").unwrap_err();
+        assert_eq!(parse::<CompareArgs>("a.exr").unwrap().reference, None);
+        let error = parse::<CompareArgs>("").unwrap_err();
         assert_eq!(error.kind(), ErrorKind::MissingRequiredArgument);
         assert!(super::super::Cli::try_parse_from(["wavepath", "paint"]).is_err());
     }

@@ -1,12 +1,12 @@
 //! `wavepath check`: what in a scene is numerically dangerous, or probably a mistake.
 
 use super::args::CheckArgs;
-use super::{Failure, output};
+use super::{Failure, open, output};
 use crate::check;
 
 /// Prints what was found. Findings are no failure.
 pub(super) fn run(args: &CheckArgs) -> Result<(), Failure> {
-    let loaded = crate::pbrt::load(&args.scene).map_err(|error| Failure::Input(error.to_string()))?;
+    let loaded = open::load(&args.scene, false, args.json)?;
     let report = check::check(&args.scene.display().to_string(), &loaded);
     if args.json {
         output::say(serde_json::to_string_pretty(&report).expect("numbers and names"))

@@ -1,4 +1,4 @@
-//! `wavepath compare`: error measures of an image against a reference.
+//! `wavepath compare`: error measures of an image against a reference, or where its own estimate sees its error.
 
 use std::io;
 use std::path::Path;
@@ -6,30 +6,104 @@ use std::path::Path;
 use super::args::CompareArgs;
 use super::output::{self, Voice};
 use super::{Failure, legend};
-use crate::compare::{align, compare, flip, own_relmse, relative_error_map};
+use crate::compare::{
+    OwnError, align, compare, flip, own_error, own_error_map, own_relmse, relative_error_map,
+};
 use crate::picture::{self, Image, ImageFormat};
 use crate::report::Report;
 
-/// Reads both images, prints the measures and writes the map if one is asked for.
+/// Reads the images, prints the measures and writes the map if one is asked for.
 pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
     if let Some(path) = &args.map {
         output::check_image(path)?;
-        output::check_distinct(&[("--map", path)], &[&args.image, &args.reference])?;
+        let mut inputs = vec![&args.image];
+        inputs.extend(&args.reference);
+        output::check_distinct(&[("--map", path)], &inputs)?;
     }
+    match &args.reference {
+        Some(reference) => with_reference(args, reference),
+        None => with_itself(args),
+    }
+}
+
+/// What a picture says of its own error.
+fn with_itself(args: &CompareArgs) -> Result<(), Failure> {
+    let image = picture::read_layers(&args.image)?;
+    let (Some(own), Some(map)) = (own_error(&image), own_error_map(&image)) else {
+        return Err(Failure::Input(format!(
+            "\"{}\" does not say what its error is: it has no layers stderr.R, .G, .B with values; expected an EXR file \
+             of `wavepath render --layers`, or a reference to compare with",
+            args.image.display()
+        )));
+    };
+    if let Some(path) = &args.map {
+        write_map(path, &image, &map)?;
+    }
+    let voice = Voice::new(false, args.map.iter().map(|path| path.as_path()).collect::<Vec<_>>().as_slice());
+    if args.json {
+        voice.tell(serde_json::to_value(&own).map_err(io::Error::from)?)?;
+    } else {
+        voice.tell(own_table(&own))?;
+        if let Some(path) = &args.map {
+            voice.tell(format_args!("{:<16}  {}: {}", "map", path.display(), SCALE))?;
+        }
+    }
+    match args.fail_above {
+        Some(limit) if own.relmse > limit => {
+            Err(Failure::Work(format!("estimated relMSE of {:.6e} is above {limit}", own.relmse)))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// One pixel in a thousand with more than this share of the error: outliers.
+const OUTLIERS: f64 = 0.25;
+
+fn own_table(own: &OwnError) -> String {
+    let mut lines = vec![format!("{:<16}  {:>12.6e}  (estimated)", "relMSE", own.relmse)];
+    let [per_mille, percent, tenth] = own.shares.map(|share| 100.0 * share);
+    lines.push(format!(
+        "{:<16}  {per_mille:.1} % of it in the worst 0.1 % of the pixels, {percent:.1} % in 1 %, {tenth:.1} % in 10 %",
+        "where"
+    ));
+    if own.shares[0] > OUTLIERS {
+        lines.push(format!(
+            "{:<16}  few bright samples: light that is found by chance, as caustics, lamps behind glass or in mirrors",
+            "why"
+        ));
+    }
+    for (number, block) in own.worst.iter().enumerate() {
+        let [x0, x1, y0, y1] = block.crop;
+        let crop = format!("--crop {x0},{x1},{y0},{y1}");
+        lines.push(format!(
+            "{:<16}  {crop:<28} {:>5.1} % of it, relMSE {:.3e}, mean {:.3e}",
+            if number == 0 { "worst blocks" } else { "" },
+            100.0 * block.share,
+            block.relmse,
+            block.mean
+        ));
+    }
+    if own.invalid_pixels > 0 {
+        lines.push(format!("{:<16}  {:>12}", "invalid pixels", own.invalid_pixels));
+    }
+    lines.join("\n")
+}
+
+fn with_reference(args: &CompareArgs, path: &Path) -> Result<(), Failure> {
     let image = picture::read_any(&args.image)?;
-    let reference = picture::read_layers(&args.reference)?;
+    let reference = picture::read_layers(path)?;
     let (part, reference_part) = align(&image, &reference).map_err(|mismatch| {
-        let (image, reference) = (args.image.display(), args.reference.display());
+        let (image, reference) = (args.image.display(), path.display());
         Failure::Input(format!("cannot compare \"{image}\" with \"{reference}\": {mismatch}"))
     })?;
     let comparison = compare(&part, &reference_part)?;
     // A screen shows PNG files as they are; what is linear may have any range.
-    let shown = [&args.image, &args.reference].map(|path| is_png(path));
+    let shown = [&args.image, path].map(is_png);
     let own = if shown[1] {
         // What its report says is true of the light that it was made from, not of what is shown.
-        OwnError { known: None, less: None }
+        ReferenceError { known: None, less: None }
     } else {
-        OwnError::of(&image, &reference, &reference_part, comparison.relmse)
+        ReferenceError::of(&image, &reference, &reference_part, comparison.relmse)
     };
     let flip = match shown {
         [true, true] => flip::of_shown(&part, &reference_part),
@@ -62,14 +136,14 @@ const SCALE: &str =
     "relative squared error, from 1e-4 (black) to 1e2 (pale yellow), logarithmic; linear in EXR";
 
 /// What the reference is off itself.
-struct OwnError {
+struct ReferenceError {
     /// Its own relMSE, where its file states it.
     known: Option<f64>,
     /// The relMSE less that.
     less: Option<f64>,
 }
 
-impl OwnError {
+impl ReferenceError {
     /// The errors of two renders with the same random numbers are no longer independent: nothing is subtracted then.
     fn of(image: &Image, reference: &Image, part: &Image, relmse: f64) -> Self {
         let report = |image: &Image| -> Option<Report> {
@@ -80,7 +154,7 @@ impl OwnError {
             _ => false,
         };
         let known = own_relmse(reference, part).filter(|_| !same_numbers);
-        OwnError { known, less: known.map(|own| (relmse - own).max(0.0)) }
+        ReferenceError { known, less: known.map(|own| (relmse - own).max(0.0)) }
     }
 
     fn judge(&self, relmse: f64, limit: f64, invalid: u64) -> Result<(), Failure> {
@@ -102,7 +176,7 @@ impl OwnError {
 }
 
 /// The measures, with what belongs to relMSE behind it.
-fn table(measures: &str, own: &OwnError, flip: f64) -> String {
+fn table(measures: &str, own: &ReferenceError, flip: f64) -> String {
     let mut lines = Vec::new();
     for line in measures.lines() {
         lines.push(line.to_string());
@@ -147,21 +221,21 @@ mod tests {
 
     #[test]
     fn the_references_own_error_is_subtracted_before_judging() {
-        let own = OwnError { known: Some(1e-3), less: Some(0.5e-3) };
+        let own = ReferenceError { known: Some(1e-3), less: Some(0.5e-3) };
         own.judge(1.5e-3, 1e-3, 0).unwrap();
         let failure = own.judge(1.5e-3, 1e-4, 0).unwrap_err();
         assert!(
             failure.exit_code() == 1 && failure.to_string().contains("5.000000e-4 is above 0.0001"),
             "{failure}"
         );
-        let unknown = OwnError { known: None, less: None };
+        let unknown = ReferenceError { known: None, less: None };
         unknown.judge(1e-3, 1e-3, 0).unwrap();
         assert!(unknown.judge(1.5e-3, 1e-3, 0).is_err() && unknown.judge(f64::NAN, 1.0, 4).is_err());
     }
 
     #[test]
     fn what_belongs_to_a_measure_stands_beside_it() {
-        let own = OwnError { known: Some(0.25), less: Some(0.5) };
+        let own = ReferenceError { known: Some(0.25), less: Some(0.5) };
         let table = table("MSE  1\nrelMSE            2\nrelMSE, trimmed  3\nSMAPE  4", &own, 0.125);
         let lines: Vec<&str> = table.lines().collect();
         assert!(lines[2].contains("2.500000e-1  (the reference's own)"), "{table}");

@@ -15,6 +15,7 @@ mod convert;
 mod failure;
 mod legend;
 mod model;
+mod on_demand;
 mod open;
 pub mod output;
 mod parse;
@@ -109,11 +110,13 @@ Examples:
   wavepath bench scene.pbrt --json > bench.json
       for scripts")]
     Bench(args::BenchArgs),
-    /// Compare an image with a reference and print the error measures
+    /// Compare an image with a reference and print the error measures, or where it estimates its own
     #[command(after_help = "\
 Examples:
   wavepath compare a.exr reference.exr
       error measures
+  wavepath compare a.exr --map noise.png
+      where the noise is, by its own estimate (of a render with --layers)
   wavepath compare a.exr reference.exr --map error.png
       and where the error is
   wavepath compare a.exr reference.exr --fail-above 1e-3

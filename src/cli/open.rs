@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use super::args::FrameArgs;
+use super::on_demand::make_missing;
 use super::render::set_frame;
 use super::{Failure, output};
+use crate::pbrt::{self, Loaded};
 use crate::scene::{Scene, SceneOptions};
 
 /// Reads and builds a scene, or the part of it that is asked for; warnings go to standard error unless `quiet`.
@@ -15,8 +17,7 @@ pub(super) fn open(
     quiet: bool,
 ) -> Result<Scene, Failure> {
     let scene = Scene::read(path.display().to_string(), options, || {
-        let load = if options.lenient { crate::pbrt::load_leniently } else { crate::pbrt::load };
-        let mut loaded = load(path).map_err(|error| Failure::Input(error.to_string()))?;
+        let mut loaded = load(path, options.lenient, quiet)?;
         set_frame(&mut loaded.scene, frame)?;
         Ok::<_, Failure>(loaded)
     })?;
@@ -26,4 +27,14 @@ pub(super) fn open(
         }
     }
     Ok(scene)
+}
+
+/// Reads a scene; makes meshes that are missing, if the scene says how.
+pub(super) fn load(path: &Path, lenient: bool, quiet: bool) -> Result<Loaded, Failure> {
+    let load = if lenient { pbrt::load_leniently } else { pbrt::load };
+    let failed = |error: pbrt::Error| Failure::Input(error.to_string());
+    match load(path) {
+        Err(_) if make_missing(path, quiet)? => load(path).map_err(failed),
+        result => result.map_err(failed),
+    }
 }

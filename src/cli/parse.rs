@@ -1,6 +1,6 @@
 //! Parsers for the values of options, with messages that say what is expected.
 
-use std::num::IntErrorKind;
+use std::num::{IntErrorKind, NonZeroU16};
 use std::ops::RangeInclusive;
 use std::time::Duration;
 
@@ -97,6 +97,14 @@ pub fn bits(text: &str) -> Result<u8, String> {
         "8" => Ok(8),
         "16" => Ok(16),
         _ => Err("expected 8 or 16".into()),
+    }
+}
+
+/// Pixels on a side of a tile: below 16 a picture is mostly table.
+pub fn tile(text: &str) -> Result<NonZeroU16, String> {
+    match text.parse() {
+        Ok(side @ 16..=8192) => Ok(NonZeroU16::new(side).expect("at least 16")),
+        _ => Err("expected a whole number from 16 to 8192, such as 64".into()),
     }
 }
 

@@ -54,7 +54,10 @@ pub fn write(
             ("scene", &markup(&experiment.scene)),
             ("facts", &markup(&facts(experiment))),
             ("sentences", &list(&sentences(experiment, summary))),
-            ("figures", &html_table(&Figures::of(summary), "")),
+            (
+                "figures",
+                &html_table(&Figures::of(summary), "Each variant: error, how fast it falls, what it costs"),
+            ),
             (
                 "ratios",
                 &if ratios.rows.is_empty() { String::new() } else { details("Ratios of every two", &ratios) },
@@ -63,7 +66,13 @@ pub fn write(
             ("efficiency_plot", &plots::efficiency(experiment, summary)),
             ("stages_plot", &plots::stages(experiment, summary)),
             ("images", &images),
-            ("checks", &html_table(&Figures::checks(summary), "")),
+            (
+                "checks",
+                &html_table(
+                    &Figures::checks(summary),
+                    "Each variant: bias, brightness, and the error that it estimates itself",
+                ),
+            ),
             ("method", &method(experiment)),
             ("data", &data),
             ("script", SCRIPT),
@@ -113,9 +122,7 @@ fn cell(text: &str) -> String {
 
 fn html_table(figures: &Figures, caption: &str) -> String {
     let mut html = String::from("<table>");
-    if !caption.is_empty() {
-        write!(html, "<caption>{}</caption>", cell(caption)).expect(STRING);
-    }
+    write!(html, "<caption>{}</caption>", cell(caption)).expect(STRING);
     html.push_str("<thead><tr>");
     for head in &figures.heads {
         write!(html, "<th scope=\"col\">{}</th>", cell(head)).expect(STRING);
@@ -139,7 +146,7 @@ fn html_table(figures: &Figures, caption: &str) -> String {
 const STRING: &str = "a string takes everything";
 
 fn details(title: &str, figures: &Figures) -> String {
-    let (title, table) = (markup(title), html_table(figures, ""));
+    let (title, table) = (markup(title), html_table(figures, title));
     format!("<details open><summary>{title}</summary><div class=\"scroll\">{table}</div></details>")
 }
 

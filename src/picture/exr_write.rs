@@ -1,14 +1,14 @@
-//! OpenEXR, writing: one part of scan lines, 32-bit or half floating point, any list of channels.
+//! OpenEXR, writing: one part of scan lines or tiles, 32-bit or half floating point, any list of channels.
 
 use std::io::{self, Seek, SeekFrom, Write};
 
 use exr::block::writer::ChunksWriter;
 use exr::block::{self, BlockIndex, UncompressedBlock};
 use exr::error::Error as ExrError;
-use exr::math::Vec2;
+use exr::math::{RoundingMode, Vec2};
 use exr::meta::attribute::{
     AttributeValue, ChannelDescription, Chromaticities, Compression as ExrCompression, IntegerBounds,
-    LineOrder, SampleType, Text,
+    LevelMode, LineOrder, SampleType, Text, TileDescription,
 };
 use exr::meta::header::{Header, LayerAttributes};
 use exr::meta::{BlockDescription, MetaData};
@@ -137,12 +137,13 @@ fn compress(
     meta: &MetaData,
     index: BlockIndex,
 ) -> Result<block::chunk::Chunk, ExrError> {
-    let width = image.width as usize;
+    // Whole lines, or the part of them that a tile has.
+    let (left, width) = (index.pixel_position.x(), index.pixel_size.width());
     let rows = index.pixel_position.y()..index.pixel_position.y() + index.pixel_size.height();
     let mut data = Vec::with_capacity(rows.len() * width * 4 * planes.len());
     for row in rows {
         for plane in planes {
-            plane.append(row * width, width, &mut data);
+            plane.append(row * image.width as usize + left, width, &mut data);
         }
     }
     UncompressedBlock { index, data }.compress_to_chunk(&meta.headers)
@@ -162,8 +163,16 @@ fn header(image: &Image, encoding: &Encoding, planes: &[Plane]) -> Result<Header
         Compression::Zip => ExrCompression::ZIP16,
         Compression::Piz => ExrCompression::PIZ,
     };
+    let blocks = match encoding.tile {
+        None => BlockDescription::ScanLines,
+        Some(side) => BlockDescription::Tiles(TileDescription {
+            tile_size: Vec2(side.get() as usize, side.get() as usize),
+            level_mode: LevelMode::Singular,
+            rounding_mode: RoundingMode::Down,
+        }),
+    };
     let mut header = Header::new(Text::from("wavepath"), size, channels.into())
-        .with_encoding(compression, BlockDescription::ScanLines, LineOrder::Increasing)
+        .with_encoding(compression, blocks, LineOrder::Increasing)
         .with_display_window(IntegerBounds::new((0, 0), frame))
         .with_attributes(attributes(image)?);
     header.shared_attributes.chromaticities = Some(SRGB);

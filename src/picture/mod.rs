@@ -18,6 +18,7 @@ mod tonemap;
 use std::fmt;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek};
+use std::num::NonZeroU16;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -130,6 +131,9 @@ pub struct Encoding {
     pub half: bool,
     /// Compression of OpenEXR.
     pub compression: Compression,
+    /// OpenEXR in square tiles of so many pixels a side, not in lines: programs that show a part of a big picture read
+    /// that part alone. A picture that is smaller is one tile.
+    pub tile: Option<NonZeroU16>,
 }
 
 impl Image {

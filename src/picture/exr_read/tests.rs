@@ -1,6 +1,7 @@
 //! Files as other programs write them, and damaged ones.
 
 use std::io::Cursor;
+use std::num::NonZeroU16;
 
 use exr::image::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer, LevelMaps, Levels,
@@ -118,6 +119,30 @@ fn further_channels_reach_the_file_and_do_not_disturb_the_colours() {
     };
     assert!(samples("error.R") == floats(&[0.5, 1.5, 2.5, 3.5]));
     assert!(samples("samples.N") == FlatSamples::U32(vec![7, 8, 9, u32::MAX]));
+}
+
+#[test]
+fn tiles_are_written_whole_and_hold_the_same() {
+    let folder = TestFolder::new("exr-tiles");
+    // Not a multiple of the tile, and smaller than one.
+    for (width, height, side) in [(37, 41, 16), (5, 3, 64)] {
+        let mut image = Image::new(width, height, expected(0.125, (width * height) as usize));
+        let numbers = (0..width * height).collect();
+        image.channels = vec![Channel { name: "samples.N".into(), samples: Samples::Uint(numbers) }];
+        image.window = DataWindow { x: 3, y: 2, full_width: 64, full_height: 64 };
+        let path = folder.file("tiled.exr");
+        let encoding = crate::picture::Encoding { tile: NonZeroU16::new(side), ..Default::default() };
+        crate::picture::write_encoded(&path, &image, &encoding).unwrap();
+        let header = &exr::meta::MetaData::read_from_file(&path, true).unwrap().headers[0];
+        let tile = match header.blocks {
+            exr::meta::BlockDescription::Tiles(tiles) => tiles.tile_size,
+            exr::meta::BlockDescription::ScanLines => panic!("no tiles"),
+        };
+        assert_eq!(tile, Vec2(usize::from(side), usize::from(side)));
+        let back = crate::picture::read_layers(&path).unwrap();
+        assert_eq!((back.pixels, back.channels), (image.pixels, image.channels));
+        assert_eq!(back.window, image.window);
+    }
 }
 
 #[test]
