@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::args::{FrameArgs, RenderArgs, Resolution};
 use super::output::{self, Voice};
-use super::{Failure, model};
+use super::{Failure, model, open};
 use crate::atomic_file::is_standard_output;
 use crate::engine::session::Ended;
 use crate::film::Film;
@@ -117,8 +117,7 @@ fn read(args: &RenderArgs, voice: &Voice) -> Result<Loaded, Failure> {
                 scene.display()
             )));
         }
-        let read = if args.lenient { crate::pbrt::load_leniently } else { crate::pbrt::load };
-        return read(scene).map_err(|error| Failure::Input(error.to_string()));
+        return open::load(scene, args.lenient, args.quiet);
     }
     let other = args.scene.iter().find(|path| !model::is_mesh(path)).expect("not all are meshes");
     Err(Failure::Usage(format!(
@@ -129,6 +128,11 @@ fn read(args: &RenderArgs, voice: &Voice) -> Result<Loaded, Failure> {
 
 /// Renders.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    if let Some(threads) = args.threads {
+        // What is not rendering keeps to it, too: reading, and compressing pictures. If the system does not give them,
+        // the render will say so.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    }
     let outputs = Outputs::of(args)?;
     let options = SceneOptions { spherical_lights: args.spherical_lights.into(), ..SceneOptions::default() };
     let scene = Scene::read(args.scene[0].display().to_string(), &options, || {

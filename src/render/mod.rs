@@ -341,7 +341,14 @@ impl<'s> Render<'s> {
     pub fn run(self) -> Result<Picture, RenderError> {
         self.check()?;
         let started = Instant::now();
-        let tree = self.scene.tree(self.settings.engine);
+        let (scene, engine) = (self.scene, self.settings.engine);
+        // As many threads as render; the pool of the session lives no longer than its render, which needs the tree.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.settings.threads).build();
+        let tree = match pool {
+            Ok(pool) => pool.install(|| scene.tree(engine)),
+            // The session says what is wrong.
+            Err(_) => scene.tree(engine),
+        };
         self.run_in(&tree, started.elapsed())
     }
 
