@@ -34,6 +34,24 @@ fn scene(filter: &str) -> Scene {
     Scene::parse(&text).unwrap()
 }
 
+/// A lamp and a ball at the edge of an even sky: samples are best spread unevenly.
+fn uneven() -> Scene {
+    let text = r#"LookAt 8 2 14  8 0 0  0 1 0
+        Camera "perspective" "float fov" 40
+        Film "rgb" "integer xresolution" 96 "integer yresolution" 40
+        PixelFilter "mitchell"
+        WorldBegin
+        LightSource "infinite" "rgb L" [ 0.1 0.15 0.2 ]
+        AttributeBegin
+          AreaLightSource "diffuse" "rgb L" [ 8 7 5 ]
+          Translate 1 4 1
+          Shape "sphere" "float radius" 0.5
+        AttributeEnd
+        Material "diffuse" "rgb reflectance" [ 0.6 0.4 0.3 ]
+        Shape "sphere" "float radius" 2"#;
+    Scene::parse(text).unwrap()
+}
+
 fn render(scene: &Scene) -> Render<'_> {
     Render::new(scene).threads(2).seed(5).channels(ChannelSet::all())
 }
@@ -160,9 +178,9 @@ fn a_render_in_pieces_is_the_whole() {
 #[test]
 fn an_adaptive_render_in_pieces_is_the_whole() {
     let folder = Folder::new("adaptive");
-    let scene = scene("mitchell");
-    let (picture, pieces) = in_pieces(&scene, &folder, 12, |render| render.adaptive(true).spp(1024));
-    let whole = render(&scene).adaptive(true).spp(1024).run().unwrap();
+    let scene = uneven();
+    let (picture, pieces) = in_pieces(&scene, &folder, 12, |render| render.adaptive(true).spp(512));
+    let whole = render(&scene).adaptive(true).spp(512).run().unwrap();
     assert!(pieces > 0 && whole.report().adaptive.unwrap().used, "{:?}", whole.report().adaptive);
     assert_same(&picture, &whole);
     assert_eq!(picture.report().adaptive, whole.report().adaptive);
@@ -171,8 +189,8 @@ fn an_adaptive_render_in_pieces_is_the_whole() {
 #[test]
 fn a_render_to_an_error_in_pieces_is_the_whole() {
     let folder = Folder::new("error");
-    let scene = scene("gaussian");
     for adaptive in [false, true] {
+        let scene = if adaptive { uneven() } else { scene("gaussian") };
         let (picture, _) = in_pieces(&scene, &folder, 12, |render| render.adaptive(adaptive).error(2e-5));
         let whole = render(&scene).adaptive(adaptive).error(2e-5).run().unwrap();
         assert_eq!((picture.ended(), whole.ended()), (Ended::Error, Ended::Error));
@@ -205,8 +223,8 @@ fn a_finished_render_gets_more_samples() {
 #[test]
 fn checkpoints_of_a_running_render_can_be_gone_on_with() {
     let folder = Folder::new("running");
-    let scene = scene("gaussian");
     for adaptive in [false, true] {
+        let scene = if adaptive { uneven() } else { scene("gaussian") };
         let file = folder.file("running.film");
         let (copies, written) = (std::sync::Mutex::new(Vec::new()), AtomicBool::new(false));
         let checkpoint = Checkpoint::new(&file).every(Duration::from_millis(1)).on_written(|result| {
@@ -214,7 +232,7 @@ fn checkpoints_of_a_running_render_can_be_gone_on_with() {
             written.store(true, Ordering::Relaxed);
             copies.lock().unwrap().push(fs::read(&file).unwrap());
         });
-        let spp = 2048;
+        let spp = if adaptive { 512 } else { 2048 };
         let whole = render(&scene).adaptive(adaptive).spp(spp).checkpoint(checkpoint).run().unwrap();
         let copies = copies.into_inner().unwrap();
         assert!(copies.len() > 1, "only the last checkpoint was written");

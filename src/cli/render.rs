@@ -161,8 +161,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if let Some(file) = resumed(args)? {
         render = render.resume(file);
     }
-    let pixels = render.pixels();
-    let total = render.last_sample().map(|spp| u64::from(spp) * pixels);
+    let total = render.total_samples();
     let most_spp = render.most_spp();
     let mut progress = match args.long.progress {
         ProgressArg::Auto => Progress::new(total, args.time, args.error, args.quiet),

@@ -380,6 +380,13 @@ impl<'s> Render<'s> {
     /// # Errors
     /// [`RenderError::Memory`] if it does not fit, [`RenderError::Film`] if there can be no such film.
     pub fn film(&self) -> Result<Film, RenderError> {
+        self.check_memory()?;
+        let frame = self.scene.description().film.frame();
+        Film::for_render(frame, self.plan().requirements(), &self.settings).map_err(RenderError::Film)
+    }
+
+    /// Checks that its film fits into the memory that is free.
+    fn check_memory(&self) -> Result<(), RenderError> {
         let (description, plan) = (self.scene.description(), self.plan());
         let frame = description.film.frame();
         let needed = Film::bytes_for_render(frame, plan.requirements(), self.last_sample());
@@ -388,7 +395,7 @@ impl<'s> Render<'s> {
         if needed > free {
             return Err(RenderError::Memory { resolution: description.film.resolution, needed, free });
         }
-        Film::for_render(frame, plan.requirements(), &self.settings).map_err(RenderError::Film)
+        Ok(())
     }
 
     /// A session that fills `film`, to be paused and gone on with: [`Render::run`] does that for you. Samples that the film
@@ -441,6 +448,7 @@ impl<'s> Render<'s> {
         let (film, earlier) = match resumed {
             Some(file) => {
                 self.check_same(&file)?;
+                self.check_memory()?;
                 (file.film, Some((file.about.report, file.round)))
             }
             None => (self.film()?, None),
@@ -455,9 +463,7 @@ impl<'s> Render<'s> {
         let mut setup = self.scene.setup().to_vec();
         setup.extend([("film", film_time), ("tree", building)]);
         let mut watch = self.watch.take();
-        let first = self.part.as_ref().map_or(0, |part| part.start);
-        let total_samples =
-            self.last_sample().map(|last| u64::from(last.saturating_sub(first)) * self.pixels_of_part());
+        let total_samples = self.total_samples();
         let samples_before = film.sample_count();
         let earlier_stats = earlier.as_ref().map(|(report, _)| stats_of(report)).unwrap_or_default();
         let elapsed_before =
@@ -588,12 +594,11 @@ impl<'s> Render<'s> {
         }
     }
 
-    /// How many pixels are rendered of those of the film.
-    fn pixels_of_part(&self) -> u64 {
-        match self.tile {
-            Some([_, count]) => self.pixels() / u64::from(count.max(1)),
-            None => self.pixels(),
-        }
+    /// Pixel samples in all, if samples end it; of a part that is blocks of pixels, about so many.
+    pub fn total_samples(&self) -> Option<u64> {
+        let first = self.part.as_ref().map_or(0, |part| part.start);
+        let tiles = self.tile.map_or(1, |[_, count]| u64::from(count.max(1)));
+        self.last_sample().map(|last| u64::from(last.saturating_sub(first)) * self.pixels() / tiles)
     }
 
     /// Samples a pixel at which a render to an error ends if it does not reach it.
