@@ -85,7 +85,7 @@ Examples:
     /// Say what a film file, or a picture made by wavepath, holds
     #[command(after_help = "\
 Examples:
-  wavepath info part-1.film             which samples, what error, what is missing
+  wavepath info part-1.film             samples, error, what is missing
   wavepath info a.exr                   how it was made
   wavepath info part-1.film --json      the same for scripts")]
     Info(part_args::InfoArgs),
