@@ -16,7 +16,7 @@
 //!
 //! The name `-` is standard output.
 
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, BufWriter, Cursor, Read, Seek, Write};
 use std::path::{Path, PathBuf};
@@ -67,6 +67,49 @@ pub fn write_whole<E: From<io::Error>>(
     encode(&mut bytes)?;
     bytes.set_position(0);
     Ok(overwrite(path, &mut bytes)?)
+}
+
+/// As [`write_whole`], for files that must outlive a crash of the machine: the folder is brought to disk, too. The contents are
+/// in one file of a name of their own until then, `.NAME.part`, which the next writing uses again if the process
+/// is killed; two processes that write the same file at a time are told apart.
+///
+/// # Errors
+/// Those of `encode`, and those of the file system; an earlier file is then as before. Pipes and devices are none.
+pub fn write_durably<E: From<io::Error>>(
+    path: &Path,
+    encode: impl FnOnce(&mut dyn Write) -> Result<(), E>,
+) -> Result<(), E> {
+    let (path, earlier) = durable_target(path)?;
+    let (temporary, file) = Temporary::of(&path)?;
+    let mut writer = BufWriter::with_capacity(1 << 18, file);
+    encode(&mut writer)?;
+    let file = writer.into_inner().map_err(io::IntoInnerError::into_error)?;
+    if let Some(earlier) = &earlier {
+        keep_rights(&file, earlier)?;
+    }
+    file.sync_all()?;
+    temporary.rename_to(&path).map_err(|(_, error)| error)?;
+    // The lock is held until the file has its name.
+    drop(file);
+    #[cfg(unix)]
+    File::open(folder_of(&path))?.sync_all()?;
+    Ok(())
+}
+
+/// Checks that [`write_durably`] could write `path`.
+///
+/// # Errors
+/// As [`check_writable`].
+pub fn check_durable(path: &Path) -> io::Result<()> {
+    let (path, _) = durable_target(path)?;
+    Temporary::of(&path).map(drop)
+}
+
+fn durable_target(path: &Path) -> io::Result<(PathBuf, Option<Metadata>)> {
+    match Target::of(path)? {
+        Target::File { path, earlier } => Ok((path, earlier)),
+        _ => Err(describe(path, "is a pipe or a device, which cannot be replaced; expected a file")),
+    }
 }
 
 fn write_and_rename<E: From<io::Error>>(
@@ -375,6 +418,37 @@ impl Temporary {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(error) => return Err(error),
             }
+        }
+    }
+
+    /// The one file of `target` that is being written, empty, and locked.
+    fn of(target: &Path) -> io::Result<(Self, File)> {
+        let Some(name) = target.file_name() else { return Err(describe(target, "names no file")) };
+        let mut hidden = OsString::from(".");
+        // A name has at most 255 bytes.
+        hidden.push(match name.len() {
+            ..=248 => name.to_os_string(),
+            _ => format!("{:016x}", xxhash_rust::xxh3::xxh3_64(name.as_encoded_bytes())).into(),
+        });
+        hidden.push(".part");
+        let path = folder_of(target).join(hidden);
+        loop {
+            let file = OpenOptions::new().write(true).create(true).truncate(false).open(&path)?;
+            match file.try_lock() {
+                Err(fs::TryLockError::WouldBlock) => {
+                    return Err(describe(target, "is being written by another process"));
+                }
+                // Not every file system has locks.
+                Err(fs::TryLockError::Error(_)) | Ok(()) => {}
+            }
+            // Whoever had the lock may have given the file its name, and what is open here is no part any more.
+            #[cfg(unix)]
+            if !fs::metadata(&path).is_ok_and(|now| file.metadata().is_ok_and(|own| same_inode(&own, &now))) {
+                continue;
+            }
+            file.set_len(0)?;
+            pending().push(path.clone());
+            return Ok((Self { path, renamed: false }, file));
         }
     }
 

@@ -7,6 +7,7 @@
 //! | [`plan`] | decides once what the scene needs |
 //! | [`engine`] | executes paths: the wavefront, and the naive megakernel |
 //! | [`film`] | sums samples exactly, in any order |
+//! | [`film_file`] | films as files: checkpoints, parts, and what is merged from them |
 //! | [`picture`], [`report`], [`compare`] | image files, the record of a render, error measures |
 //! | [`converge`] | error against run time of several variants: figures, plots, a page |
 //! | [`mod@bench`] | measures engines against each other |
@@ -30,6 +31,7 @@ mod colour_map;
 pub mod compare;
 mod contain_panics;
 pub mod converge;
+pub mod film_file;
 #[cfg(feature = "cli")]
 pub mod interrupt;
 pub mod machine;

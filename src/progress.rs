@@ -12,6 +12,9 @@ use crate::time_span::clock;
 /// Steps of the bar: it shows a fraction, because a render may end by samples or by time.
 const STEPS: u64 = 1000;
 
+/// Time between two lines of JSON.
+const SECOND: Duration = Duration::from_secs(1);
+
 /// Where there is no terminal: time between two lines.
 const MINUTE: Duration = Duration::from_secs(60);
 
@@ -31,6 +34,8 @@ enum Display {
     Bar(ProgressBar),
     /// Time of the next line, since the start.
     Lines(Duration),
+    /// The same of JSON.
+    Json(Duration),
 }
 
 impl Progress {
@@ -42,7 +47,7 @@ impl Progress {
         error: Option<f64>,
         quiet: bool,
     ) -> Self {
-        let goal = Goal { total_samples, time_limit, error };
+        let goal = Goal { total_samples, time_limit, error, samples_before: 0 };
         let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
         let display = if quiet {
             Display::Hidden
@@ -62,6 +67,17 @@ impl Progress {
         Self { display, goal, start: Instant::now() }
     }
 
+    /// As [`Progress::new`], as a line of JSON a second.
+    pub fn json(total_samples: Option<u64>, time_limit: Option<Duration>, error: Option<f64>) -> Self {
+        let goal = Goal { total_samples, time_limit, error, samples_before: 0 };
+        Self { display: Display::Json(Duration::ZERO), goal, start: Instant::now() }
+    }
+
+    /// So many of the samples were there when the clock started.
+    pub fn begin_at(&mut self, samples: u64) {
+        self.goal.samples_before = samples;
+    }
+
     /// Whether the estimated error would be shown if it were known now.
     pub fn is_visible(&self) -> bool {
         match &self.display {
@@ -69,6 +85,7 @@ impl Progress {
             Display::Bar(bar) => !bar.is_hidden(),
             // Somewhat earlier: the first look at the error sees a part of the film only.
             Display::Lines(next) => self.start.elapsed() + MINUTE / 6 >= *next,
+            Display::Json(_) => true,
         }
     }
 
@@ -87,6 +104,10 @@ impl Progress {
                 *next = elapsed + MINUTE;
                 let state = message(&self.goal, samples, rays, error, elapsed);
                 tell(&format!("{}: {state}", clock(elapsed)));
+            }
+            Display::Json(next) if elapsed >= *next => {
+                *next = elapsed + SECOND;
+                tell(&json_line(&self.goal, samples, rays, error, elapsed));
             }
             _ => {}
         }
@@ -118,6 +139,8 @@ struct Goal {
     total_samples: Option<u64>,
     time_limit: Option<Duration>,
     error: Option<f64>,
+    /// Samples that were there before the clock started.
+    samples_before: u64,
 }
 
 impl fmt::Display for Goal {
@@ -150,8 +173,9 @@ impl Goal {
 
     /// Time to the end at the present speed, once it can be guessed.
     fn time_left(&self, samples: u64, elapsed: Duration, error: Option<f64>) -> Option<Duration> {
-        let by_samples = self.total_samples.filter(|_| samples > 0).and_then(|total| {
-            let missing = total.saturating_sub(samples) as f64 / samples as f64;
+        let taken = samples.saturating_sub(self.samples_before);
+        let by_samples = self.total_samples.filter(|_| taken > 0).and_then(|total| {
+            let missing = total.saturating_sub(samples) as f64 / taken as f64;
             Duration::try_from_secs_f64(elapsed.as_secs_f64() * missing).ok()
         });
         let by_time = self.time_limit.map(|limit| limit.saturating_sub(elapsed));
@@ -160,6 +184,23 @@ impl Goal {
         });
         [by_samples, by_time, by_error].into_iter().flatten().min()
     }
+}
+
+/// A state for programs. A figure that is unknown is `null`.
+fn json_line(goal: &Goal, samples: u64, rays: u64, error: Option<f64>, elapsed: Duration) -> String {
+    let seconds = elapsed.as_secs_f64();
+    let rate = |count: u64| (seconds > 0.0).then_some(count as f64 / seconds);
+    serde_json::json!({
+        "seconds": seconds,
+        "samples": samples,
+        "total_samples": goal.total_samples,
+        "fraction": goal.fraction(samples, elapsed, error),
+        "seconds_left": goal.time_left(samples, elapsed, error).map(|left| left.as_secs_f64()),
+        "estimated_relmse": error,
+        "samples_per_second": rate(samples.saturating_sub(goal.samples_before)),
+        "rays_per_second": rate(rays),
+    })
+    .to_string()
 }
 
 /// What matters most comes first: a narrow terminal shows the beginning.
@@ -186,11 +227,10 @@ fn message(goal: &Goal, samples: u64, rays: u64, error: Option<f64>, elapsed: Du
 mod tests {
     use super::*;
 
-    const SECOND: Duration = Duration::from_secs(1);
-
     #[test]
     fn the_nearer_end_counts() {
-        let goal = Goal { total_samples: Some(1000), time_limit: Some(10 * SECOND), error: None };
+        let goal =
+            Goal { total_samples: Some(1000), time_limit: Some(10 * SECOND), error: None, samples_before: 0 };
         assert_eq!(goal.fraction(200, 5 * SECOND, None), Some(0.5));
         assert_eq!(goal.time_left(200, 5 * SECOND, None), Some(5 * SECOND));
         assert_eq!(goal.fraction(800, 4 * SECOND, None), Some(0.8));
@@ -201,7 +241,7 @@ mod tests {
 
     #[test]
     fn an_error_is_reached_as_the_inverse_of_the_samples() {
-        let goal = Goal { total_samples: None, time_limit: None, error: Some(0.01) };
+        let goal = Goal { total_samples: None, time_limit: None, error: Some(0.01), samples_before: 0 };
         assert_eq!(goal.fraction(5, SECOND, None), Some(0.0));
         assert_eq!(goal.time_left(5, SECOND, None), None);
         assert_eq!(goal.fraction(5, SECOND, Some(0.04)), Some(0.25));
@@ -211,7 +251,7 @@ mod tests {
 
     #[test]
     fn without_an_end_nothing_is_promised() {
-        let goal = Goal { total_samples: None, time_limit: None, error: None };
+        let goal = Goal { total_samples: None, time_limit: None, error: None, samples_before: 0 };
         assert_eq!(goal.fraction(5, SECOND, None), None);
         assert_eq!(goal.time_left(5, SECOND, None), None);
         let text = message(&goal, 2_000_000, 30_000_000, Some(0.0125), 3 * SECOND);
@@ -220,13 +260,23 @@ mod tests {
 
     #[test]
     fn nothing_is_guessed_before_the_first_sample() {
-        let goal = Goal { total_samples: Some(100), time_limit: None, error: None };
+        let goal = Goal { total_samples: Some(100), time_limit: None, error: None, samples_before: 0 };
         assert_eq!(message(&goal, 0, 0, None, Duration::ZERO), "0 %, 0 samples");
     }
 
     #[test]
+    fn programs_read_json() {
+        let goal = Goal { total_samples: Some(100), time_limit: None, error: None, samples_before: 20 };
+        let line: serde_json::Value =
+            serde_json::from_str(&json_line(&goal, 60, 800, None, 4 * SECOND)).unwrap();
+        assert_eq!((&line["fraction"], &line["seconds_left"]), (&0.6.into(), &4.0.into()));
+        assert_eq!((&line["samples_per_second"], &line["rays_per_second"]), (&10.0.into(), &200.0.into()));
+        assert!(line["estimated_relmse"].is_null());
+    }
+
+    #[test]
     fn a_narrow_terminal_shows_what_matters() {
-        let goal = Goal { total_samples: Some(1000), time_limit: None, error: None };
+        let goal = Goal { total_samples: Some(1000), time_limit: None, error: None, samples_before: 0 };
         let text = message(&goal, 250, 1_000_000, Some(0.02), 100 * SECOND);
         // 40 columns less the bar and a space.
         assert!(text[..27].contains("25 %, 5m00s left"), "{text}");
@@ -234,9 +284,14 @@ mod tests {
 
     #[test]
     fn a_goal_is_told_in_words() {
-        let goal = Goal { total_samples: Some(2_000_000), time_limit: Some(90 * SECOND), error: Some(0.01) };
+        let goal = Goal {
+            total_samples: Some(2_000_000),
+            time_limit: Some(90 * SECOND),
+            error: Some(0.01),
+            samples_before: 0,
+        };
         assert_eq!(goal.to_string(), "2.00 M samples, or 1m30s, or a relMSE of 1.00e-2");
-        let none = Goal { total_samples: None, time_limit: None, error: None };
+        let none = Goal { total_samples: None, time_limit: None, error: None, samples_before: 0 };
         assert_eq!(none.to_string(), "until it is interrupted");
     }
 

@@ -322,8 +322,9 @@ fn an_interrupt_writes_what_is_done() {
             std::thread::sleep(Duration::from_millis(10));
         }
         let output = child.wait_with_output().unwrap();
-        assert_done(&output);
-        assert!(text(&output.stderr).contains("interrupted"), "{}", text(&output.stderr));
+        // 128 + SIGINT: a script can tell it from a finished one.
+        assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("interrupted by SIGINT"), "{}", text(&output.stderr));
         assert_eq!(wavepath::picture::read(&scratch.file("a.exr")).unwrap().width, 64);
         let report = json(&scratch.file("a.json"));
         assert!(report["samples"].as_u64().unwrap() >= 64 * 64);

@@ -8,6 +8,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 
 use super::parse;
+use super::part_args::PartArgs;
 use crate::converge::external::ExternalSpec;
 use crate::engine::{EngineKind, SamplerKind};
 use crate::picture::{Compression, Encoding, Tonemap};
@@ -74,10 +75,10 @@ pub struct RenderArgs {
     #[arg(long, value_enum, default_value_t = SphericalLightsArg::Cone, help_heading = QUALITY)]
     pub spherical_lights: SphericalLightsArg,
 
-    /// Image to write, linear (.exr) or for screens (.png); may be given more than once; - is standard output, png:-
-    /// the same as PNG [default: the name in the scene's film, else the scene's name with .exr, here; that replaces
-    /// an earlier picture of this scene only]
-    #[arg(short, long, value_name = "OUT.exr|OUT.png", help_heading = OUTPUT)]
+    /// Image to write, linear (.exr) or for screens (.png), or its film (.film); may be given more than once; - is standard
+    /// output, png:- the same as PNG [default: the name in the scene's film, else the scene's name with .exr, here; that
+    /// replaces an earlier picture of this scene only]
+    #[arg(short, long, value_name = "OUT.exr|OUT.png|OUT.film", help_heading = OUTPUT)]
     pub output: Vec<PathBuf>,
 
     /// Refuse to replace any file that exists
@@ -115,6 +116,10 @@ pub struct RenderArgs {
     /// How rays go through the tree, wavefront engine
     #[arg(long, value_enum, default_value_t = TraversalArg::Auto, help_heading = SPEED)]
     pub traversal: TraversalArg,
+
+    /// Checkpoints, parts, progress.
+    #[command(flatten)]
+    pub long: PartArgs,
 
     /// Write the report as JSON to this file; - is standard output
     #[arg(long, value_name = "FILE.json", help_heading = REPORTS)]
@@ -715,6 +720,7 @@ mod tests {
             spherical_lights: SphericalLightsArg::Area,
             traversal: TraversalArg::Mixed,
             lenient: true,
+            long: PartArgs::default(),
             report: Some("c.json".into()),
             quiet: true,
         };

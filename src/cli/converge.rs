@@ -48,7 +48,13 @@ pub(super) fn run(args: &ConvergeArgs) -> Result<(), Failure> {
             output::note(text);
         }
     })?;
-    write(args, &conditions, &experiment, &results)
+    write(args, &conditions, &experiment, &results)?;
+    match crate::interrupt::caught() {
+        Some((signal, name)) => {
+            Err(Failure::Interrupted(signal, format!("interrupted by {name}: wrote what was done")))
+        }
+        None => Ok(()),
+    }
 }
 
 impl From<ConvergeError> for Failure {

@@ -17,27 +17,37 @@ pub enum Failure {
     Input(String),
     /// The work itself failed: exit status 1.
     Work(String),
+    /// A signal ended it, and what was done is written: exit status 128 + the signal's number.
+    Interrupted(i32, String),
 }
 
 impl Failure {
-    /// The exit status of the process: 2 if the user's input is wrong, else 1.
+    /// The exit status of the process: 2 if the user's input is wrong, 128 and more if a signal ended it, else 1.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Usage(_) | Self::Input(_) => 2,
             Self::Work(_) => 1,
+            Self::Interrupted(signal, _) => u8::try_from(128 + signal).unwrap_or(1),
         }
     }
 
     /// The message as it is printed: with `error: ` in front, once. What comes from the scene reader has that already.
     pub fn to_diagnostic(&self) -> String {
         let message = self.to_string();
-        if message.starts_with("error: ") { message } else { format!("error: {message}") }
+        if message.starts_with("error: ") || matches!(self, Self::Interrupted(..)) {
+            message
+        } else {
+            format!("error: {message}")
+        }
     }
 }
 
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (Self::Usage(message) | Self::Input(message) | Self::Work(message)) = self;
+        let (Self::Usage(message)
+        | Self::Input(message)
+        | Self::Work(message)
+        | Self::Interrupted(_, message)) = self;
         f.write_str(message)
     }
 }
@@ -64,7 +74,10 @@ impl From<RenderError> for Failure {
     fn from(error: RenderError) -> Self {
         match error {
             RenderError::Choice { .. } => Self::Usage(error.to_string()),
-            RenderError::Memory { .. } | RenderError::Film(_) => Self::Input(error.to_string()),
+            RenderError::Changed { .. } => Self::Usage(error.to_string()),
+            RenderError::Memory { .. } | RenderError::Film(_) | RenderError::Files(_) => {
+                Self::Input(error.to_string())
+            }
             RenderError::Threads { .. } | RenderError::Session(_) => Self::Work(error.to_string()),
         }
     }

@@ -5,6 +5,7 @@
 //! | 0 | done |
 //! | 1 | the work failed |
 //! | 2 | the command line or an input is wrong |
+//! | 128 + n | signal n ended a render, which has written what was done |
 
 pub mod args;
 mod bench;
@@ -13,12 +14,14 @@ mod compare;
 mod converge;
 mod convert;
 mod failure;
+mod films;
 mod legend;
 mod model;
 mod on_demand;
 mod open;
 pub mod output;
 mod parse;
+pub mod part_args;
 mod plan;
 mod render;
 mod stability;
@@ -65,8 +68,37 @@ Examples:
   wavepath render scene.pbrt --crop 0.4,0.6,0.4,0.6 --spp 1024
       the middle of the image, with many samples
   wavepath render model.ply --up z --write-scene model.pbrt
-      a mesh, and the scene made around it")]
+      a mesh, and the scene made around it
+  wavepath render scene.pbrt --spp 9999 --checkpoint a.film --resume-if-there
+      starts, and goes on if it was interrupted")]
     Render(args::RenderArgs),
+    /// Add film files: parts of a render, or independent renders
+    #[command(after_help = "\
+Examples:
+  wavepath merge -o whole.exr part-1.film part-2.film
+      the picture of both, as if rendered in one go
+  wavepath merge -o half.film part-1.film part-2.film
+      to be merged again, or gone on with: render --resume half.film
+  wavepath merge -o whole.exr part-*.film --complete
+      fails if samples are missing, and says which")]
+    Merge(part_args::MergeArgs),
+    /// Say what a film file, or a picture made by wavepath, holds
+    #[command(after_help = "\
+Examples:
+  wavepath info part-1.film             samples, error, what is missing
+  wavepath info a.exr                   how it was made
+  wavepath info part-1.film --json      the same for scripts")]
+    Info(part_args::InfoArgs),
+    /// Print the commands that render a scene in parts
+    #[command(after_help = "\
+Examples:
+  wavepath split scene.pbrt --parts 4
+      four commands, and the one that merges
+  wavepath split scene.pbrt --parts 16 -o out/a.exr -- --spp 4096 --seed 2
+      with options for all of them
+  wavepath split scene.pbrt --parts 4 --tiles
+      parts of the image in place of samples")]
+    Split(part_args::SplitArgs),
     /// Convert a picture: crop, exposure, tone curve, layers, precision
     #[command(after_help = "\
 Examples:
@@ -154,6 +186,9 @@ impl Cli {
     pub fn run(&self) -> Result<(), Failure> {
         match &self.command {
             Command::Render(args) => render::run(args),
+            Command::Merge(args) => films::merge(args),
+            Command::Info(args) => films::info(args),
+            Command::Split(args) => films::split(args),
             Command::Convert(args) => convert::run(args),
             Command::Plan(args) => plan::run(args),
             Command::Mesh(args) => match crate::meshes::run(args) {

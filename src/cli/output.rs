@@ -184,6 +184,15 @@ pub fn check_file(path: &Path, what: &str) -> Result<(), Failure> {
         .map_err(|error| Failure::Usage(format!("cannot write {what} \"{}\": {error}", path.display())))
 }
 
+/// Checks that a film can be written to `path`.
+///
+/// # Errors
+/// [`Failure::Usage`], as [`check_image`].
+pub fn check_film(path: &Path) -> Result<(), Failure> {
+    atomic_file::check_durable(path)
+        .map_err(|error| Failure::Usage(format!("cannot write film \"{}\": {error}", path.display())))
+}
+
 /// Writes `report` as JSON to `path`.
 ///
 /// # Errors

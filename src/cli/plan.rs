@@ -6,6 +6,7 @@ use super::{Failure, output};
 use crate::engine::wavefront;
 use crate::film::Film;
 use crate::machine;
+use crate::memory;
 use crate::scene::SceneOptions;
 
 /// Prints the plan.
@@ -23,15 +24,22 @@ pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
     let batch = args.batch.unwrap_or(wavefront::DEFAULT_BATCH);
     let queues =
         threads as u64 * (batch as u64 * plan.bytes_per_path as u64 + plan.shadow_queue_bytes as u64);
+    let (scene_bytes, free) = (plan.geometry_bytes as u64, memory::limit());
+    let all = bytes + scene_bytes + queues;
     if args.json {
         let mut json = plan.to_json();
         json["film_bytes"] = bytes.into();
         json["queue_bytes"] = queues.into();
+        json["checkpoint_bytes"] = bytes.into();
+        json["free_bytes"] = free.into();
         return output::say(format_args!("{json:#}"));
     }
     let replicates = Film::replicates_for_render(film.frame(), plan.requirements(), Some(spp));
     output::say(format_args!(
         "{plan}\nfilm            {pixels} pixels, {replicates} replicates at {spp} spp: {bytes} bytes\n\
-         queues          {threads} threads x {batch} paths: {queues} bytes"
+         queues          {threads} threads x {batch} paths: {queues} bytes\n\
+         checkpoint      at most {bytes} bytes on disk, and as many while the next one is written\n\
+         memory          {all} bytes for film, primitives and queues, and the tree beside them; {free} are free{}",
+        if all > free { ": it does not fit" } else { "" }
     ))
 }

@@ -3,15 +3,17 @@
 use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use super::args::{FrameArgs, RenderArgs, Resolution};
+use super::films::{self, is_film};
 use super::output::{self, Voice};
+use super::part_args::ProgressArg;
 use super::{Failure, model, open};
 use crate::atomic_file::is_standard_output;
 use crate::engine::session::Ended;
 use crate::film::Film;
+use crate::film_file::{Checkpoint, FilmFile};
 use crate::pbrt::Loaded;
 use crate::picture::{self, Image, ImageFormat};
 use crate::progress::Progress;
@@ -36,6 +38,7 @@ pub(super) fn set_frame(description: &mut SceneDescription, frame: &FrameArgs) -
 /// All that a render writes, checked before the work.
 struct Outputs {
     images: Vec<PathBuf>,
+    films: Vec<PathBuf>,
     voice: Voice,
 }
 
@@ -44,15 +47,18 @@ impl Outputs {
     fn of(args: &RenderArgs) -> Result<Self, Failure> {
         let named = named_outputs(args, &args.output);
         let paths: Vec<&Path> = named.iter().map(|(_, path)| *path).collect();
-        args.output.iter().try_for_each(|path| output::check_image(path))?;
-        if (args.layers || !args.aov.is_empty()) && !args.output.is_empty() {
+        let (films, images): (Vec<PathBuf>, Vec<PathBuf>) =
+            args.output.iter().cloned().partition(|path| is_film(path));
+        images.iter().try_for_each(|path| output::check_image(path))?;
+        films.iter().chain(&args.long.checkpoint).try_for_each(|path| output::check_film(path))?;
+        if (args.layers || !args.aov.is_empty()) && !images.is_empty() {
             let is_exr =
                 |path: &PathBuf| picture::ImageFormat::from_path(path).ok() == Some(ImageFormat::Exr);
-            if !args.output.iter().any(is_exr) {
+            if films.is_empty() && !images.iter().any(is_exr) {
                 return Err(Failure::Usage(format!(
                     "{}: \"{}\" has no room for them; expected a name ending in .exr",
                     if args.layers { "--layers" } else { "--aov" },
-                    args.output[0].display()
+                    images[0].display()
                 )));
             }
         }
@@ -65,7 +71,7 @@ impl Outputs {
         }
         output::check_distinct(&named, &args.scene)?;
         output::check_clobber(&named, args.no_clobber)?;
-        Ok(Outputs { images: args.output.clone(), voice: Voice::new(args.quiet, &paths) })
+        Ok(Outputs { images, films, voice: Voice::new(args.quiet, &paths) })
     }
 
     /// With the scene known: its name for the picture, if there is no other, and its files, which are not to be written.
@@ -75,7 +81,7 @@ impl Outputs {
         description: &SceneDescription,
         inputs: &[PathBuf],
     ) -> Result<Self, Failure> {
-        if self.images.is_empty() {
+        if self.images.is_empty() && self.films.is_empty() {
             let path = default_output(description, &args.scene[0]);
             output::check_image(&path)?;
             if !args.no_clobber {
@@ -83,7 +89,8 @@ impl Outputs {
             }
             self.images.push(path);
         }
-        let named = named_outputs(args, &self.images);
+        let written: Vec<PathBuf> = self.images.iter().chain(&self.films).cloned().collect();
+        let named = named_outputs(args, &written);
         output::check_distinct(&named, inputs)?;
         output::check_clobber(&named, args.no_clobber)?;
         Ok(self)
@@ -100,6 +107,7 @@ fn named_outputs<'a>(args: &'a RenderArgs, images: &'a [PathBuf]) -> Vec<(&'stat
     let images = images.iter().map(|path| ("-o", path.as_path()));
     let report = args.report.iter().map(|path| ("--report", path.as_path()));
     let scene = args.model.write_scene.iter().map(|path| ("--write-scene", path.as_path()));
+    // A checkpoint may be replaced: by the run that goes on with it.
     images.chain(report).chain(scene).collect()
 }
 
@@ -148,18 +156,32 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     }
     let outputs = outputs.with_scene(args, scene.description(), scene.inputs())?;
     let interrupted = crate::interrupt::flag()
-        .map_err(|error| Failure::Work(format!("cannot watch for Ctrl-C: {error}")))?;
-    let render = choose(Render::new(&scene), args).stop_on(interrupted.clone());
-    let pixels = render.pixels();
-    let total = render.last_sample().map(|spp| u64::from(spp) * pixels);
+        .map_err(|error| Failure::Work(format!("cannot watch for signals: {error}")))?;
+    let mut render = long_render(choose(Render::new(&scene), args), args)?.stop_on(interrupted.clone());
+    if let Some(file) = resumed(args)? {
+        render = render.resume(file);
+    }
+    let total = render.total_samples();
     let most_spp = render.most_spp();
-    let mut progress = Progress::new(total, args.time, args.error, args.quiet);
+    let mut progress = match args.long.progress {
+        ProgressArg::Auto => Progress::new(total, args.time, args.error, args.quiet),
+        ProgressArg::Json => Progress::json(total, args.time, args.error),
+    };
     let viewer = RefCell::new(Viewer::open(args, &scene));
+    let half = scene.description().film.half;
+    let mut saved = Instant::now();
     let picture = render
         .on_update(|update| {
             let error = if progress.is_visible() { update.error() } else { None };
+            progress.begin_at(update.samples_before);
             progress.update(update.samples, update.rays, error);
             viewer.borrow_mut().show(update.film, false);
+            if args.long.save_every.is_some_and(|every| saved.elapsed() >= every) {
+                if let Err(failure) = outputs.write_images(args, &update.picture(), half) {
+                    output::note(format_args!("warning: {failure}; the render goes on"));
+                }
+                saved = Instant::now();
+            }
             ControlFlow::Continue(())
         })
         .run()?;
@@ -168,25 +190,102 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
 
     let report = picture.report().clone();
     let ended = picture.ended();
+    for path in &outputs.films {
+        picture.save_film(&scene, path).map_err(|error| films::failed(path, &error))?;
+    }
     let layers = if args.layers { picture.layers() } else { Vec::new() };
     let mut image = picture.into_image();
     image.channels.extend(layers);
-    outputs.write_images(args, &image, scene.description().film.half)?;
+    outputs.write_images(args, &image, half)?;
     if let Some(path) = &args.report {
         output::write_report(path, &report)?;
     }
-    if !args.quiet {
-        if interrupted.load(Ordering::Relaxed) {
-            output::note("interrupted: wrote what was done");
-        }
-        if let (Some(error), Ended::Samples) = (args.error, ended) {
-            output::note(format_args!(
-                "--error {error} was not reached: the limit is {most_spp} samples a pixel"
-            ));
-        }
+    if !args.quiet
+        && let (Some(error), Ended::Samples) = (args.error, ended)
+    {
+        output::note(format_args!(
+            "--error {error} was not reached: the limit is {most_spp} samples a pixel"
+        ));
     }
     outputs.voice.tell(&report)?;
-    outputs.images.iter().try_for_each(|path| outputs.voice.wrote(path))
+    outputs.images.iter().chain(&outputs.films).try_for_each(|path| outputs.voice.wrote(path))?;
+    match crate::interrupt::caught() {
+        Some((signal, name)) if ended == Ended::Interrupt => {
+            Err(Failure::Interrupted(signal, format!("interrupted by {name}: wrote what was done")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Checkpoints and parts.
+fn long_render<'s>(render: Render<'s>, args: &RenderArgs) -> Result<Render<'s>, Failure> {
+    let long = &args.long;
+    let words = std::env::args().skip_while(|word| word != "render").skip(1);
+    let mut render = render.command(films::common_words(words));
+    if let Some(path) = &long.checkpoint {
+        let mut checkpoint = Checkpoint::new(path);
+        if let Some(interval) = long.checkpoint_every {
+            checkpoint = checkpoint.every(interval);
+        }
+        let name = path.display().to_string();
+        render = render.checkpoint(checkpoint.on_written(move |written| {
+            if let Err(error) = written {
+                output::note(format_args!(
+                    "warning: cannot write checkpoint \"{name}\": {error}; the last one is kept, and the render goes on"
+                ));
+            }
+        }));
+    }
+    if long.samples.is_none() && long.part.is_none() {
+        return Ok(render);
+    }
+    let option = if long.samples.is_some() { "--samples" } else { "--part" };
+    let refused =
+        [("--adaptive", args.adaptive), ("--error", args.error.is_some()), ("--time", args.time.is_some())];
+    if let Some((other, _)) = refused.iter().find(|(_, given)| *given) {
+        return Err(Failure::Usage(format!(
+            "{option} and {other}: what ends a part must not depend on what is in it; expected a number of samples"
+        )));
+    }
+    if let Some(samples) = &long.samples {
+        render = render.samples(samples.0.clone());
+    }
+    let Some(part) = long.part else { return Ok(render) };
+    if long.tiles {
+        return Ok(render.tile(part.number - 1, part.count));
+    }
+    let all = render.last_sample().unwrap_or_default();
+    let samples = part.samples(all);
+    if samples.is_empty() {
+        return Err(Failure::Usage(format!(
+            "--part {}/{}: it has none of the {all} samples a pixel; expected at most as many parts as samples",
+            part.number, part.count
+        )));
+    }
+    Ok(render.samples(samples).target(all))
+}
+
+/// The film to go on with.
+fn resumed(args: &RenderArgs) -> Result<Option<FilmFile>, Failure> {
+    let long = &args.long;
+    let path = match (&long.resume, &long.checkpoint) {
+        (Some(path), _) => path,
+        (None, Some(path)) if long.resume_if_there => path,
+        (None, Some(path)) if path.exists() => {
+            return Err(Failure::Usage(format!(
+                "--checkpoint \"{}\" exists: expected --resume-if-there to go on with it, or an unused name",
+                path.display()
+            )));
+        }
+        (None, None) if long.resume_if_there => {
+            return Err(Failure::Usage("--resume-if-there: expected --resume or --checkpoint, too".into()));
+        }
+        _ => return Ok(None),
+    };
+    if long.resume_if_there && !path.exists() {
+        return Ok(None);
+    }
+    Ok(Some(FilmFile::read(path)?))
 }
 
 /// What the command line chooses.
@@ -265,11 +364,14 @@ fn default_output(description: &SceneDescription, scene: &Path) -> PathBuf {
         {
             name.into()
         }
-        _ => {
-            let name = scene.file_name().unwrap_or_default().to_string_lossy();
-            let name = name.strip_suffix(".gz").unwrap_or(&name);
-            let stem = [".pbrt", ".ply"].iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
-            format!("{stem}.exr").into()
-        }
+        _ => named_after(scene),
     }
+}
+
+/// A picture of its name, in the current folder.
+pub(super) fn named_after(scene: &Path) -> PathBuf {
+    let name = scene.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    let stem = [".pbrt", ".ply"].iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
+    format!("{stem}.exr").into()
 }

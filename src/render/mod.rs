@@ -18,18 +18,22 @@ mod finished;
 pub use finished::{Picture, PictureError, channels_of, image_of, stages};
 
 use crate::engine::schedule::Stop;
-use crate::engine::session::{MOST_SPP, Session, SessionError};
+use crate::engine::session::{self, MOST_SPP, Session, SessionError};
+use crate::engine::stats::Stats;
 use crate::engine::{Done, EngineKind, SamplerKind, Settings, Tree, wavefront};
 use crate::film::live_error::LiveError;
-use crate::film::{Film, FilmError};
+use crate::film::{Film, FilmError, Header};
+use crate::film_file::{About, Checkpoint, Checkpoints, FilmFile, Progress};
 use crate::machine;
 use crate::memory;
+use crate::picture::Image;
 use crate::plan::Plan;
+use crate::report::{self, Report};
 use crate::scene::Scene;
 use std::cell::RefCell;
 use std::ops::{ControlFlow, Range};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 use wavepath_kernels::channels::ChannelSet;
 use wavepath_kernels::intersect::Policy;
@@ -62,6 +66,15 @@ pub enum RenderError {
         /// Bytes.
         free: u64,
     },
+    /// A film that cannot be gone on with: the scene or a setting is another one.
+    #[error("cannot go on with this film: {what}")]
+    Changed {
+        /// What changed, in words.
+        what: String,
+    },
+    /// The files of the scene cannot be read again, to tell them from others.
+    #[error("cannot read the files of the scene again: {0}")]
+    Files(String),
     /// The film cannot be, or is of something else.
     #[error(transparent)]
     Film(FilmError),
@@ -95,6 +108,7 @@ impl From<SessionError> for RenderError {
 #[derive(Debug)]
 pub struct Update<'a> {
     live: &'a RefCell<LiveError<'a>>,
+    about: &'a About,
     /// The film so far.
     pub film: &'a Film,
     /// Pixel samples so far.
@@ -103,8 +117,10 @@ pub struct Update<'a> {
     pub rays: u64,
     /// Pixel samples in all, if they are known.
     pub total_samples: Option<u64>,
-    /// Since the first sample.
+    /// Since the first sample, or since the render was gone on with.
     pub elapsed: Duration,
+    /// Those of the pixel samples that a film had which the render goes on with.
+    pub samples_before: u64,
 }
 
 impl Update<'_> {
@@ -112,6 +128,12 @@ impl Update<'_> {
     /// for.
     pub fn error(&self) -> Option<f64> {
         self.live.borrow_mut().update()
+    }
+    /// The picture so far, with a report.
+    pub fn picture(&self) -> Image {
+        let mut about = self.about.clone();
+        about.report.seconds += self.elapsed.as_secs_f64();
+        finished::picture_of(self.film, &mut about)
     }
 }
 
@@ -127,8 +149,15 @@ pub struct Render<'s> {
     settings: Settings,
     spp: Option<u32>,
     part: Option<Range<u32>>,
+    /// Samples a pixel of the render that this is a part of.
+    target: Option<u32>,
+    /// Number, from 0, and count, if only some blocks of pixels are rendered.
+    tile: Option<[u32; 2]>,
     time: Option<Duration>,
     error: Option<f64>,
+    checkpoint: Option<Checkpoint<'s>>,
+    resumed: Option<FilmFile>,
+    command: Vec<String>,
     /// In place of the scene's.
     plan: Option<Plan>,
     stop: Arc<AtomicBool>,
@@ -155,8 +184,13 @@ impl<'s> Render<'s> {
             settings,
             spp: None,
             part: None,
+            target: None,
+            tile: None,
             time: None,
             error: None,
+            checkpoint: None,
+            resumed: None,
+            command: Vec::new(),
             plan: None,
             stop,
             watch: None,
@@ -174,7 +208,18 @@ impl<'s> Render<'s> {
         self.part = Some(part);
         self
     }
-    /// Time to render for. The first sample of each pixel is always taken.
+    /// Samples a pixel of the render that [`Render::samples`] makes a part of: what merged parts shall have.
+    pub fn target(mut self, spp: u32) -> Self {
+        self.target = Some(spp);
+        self
+    }
+    /// One of `count` parts of the image, number `number` from 0: every `count`-th block of pixels, so that none of them is dear.
+    /// Films of parts add up to the film of the whole, to the bit.
+    pub fn tile(mut self, number: u32, count: u32) -> Self {
+        self.tile = Some([number, count]);
+        self
+    }
+    /// Time to render for, with that of earlier runs that are gone on with. The first sample of each pixel is always taken.
     pub fn time(mut self, time: Duration) -> Self {
         self.time = Some(time);
         self
@@ -241,6 +286,23 @@ impl<'s> Render<'s> {
         self.stop = flag;
         self
     }
+    /// Keeps what is done in a film file as the render goes on, and at its end.
+    pub fn checkpoint(mut self, checkpoint: Checkpoint<'s>) -> Self {
+        self.checkpoint = Some(checkpoint);
+        self
+    }
+    /// Goes on with a film, whatever ended it; what is in it is not rendered again. With the same scene and settings the
+    /// picture is that of a render without a break, to the bit, on any number of threads; with more samples, that of a render
+    /// of so many.
+    pub fn resume(mut self, film: FilmFile) -> Self {
+        self.resumed = Some(film);
+        self
+    }
+    /// Words of a command line that renders the same: kept in film files, for messages.
+    pub fn command(mut self, command: Vec<String>) -> Self {
+        self.command = command;
+        self
+    }
     /// Calls `watch` about ten times a second; [`ControlFlow::Break`] ends the render early, and what is done by then is
     /// the picture.
     pub fn on_update(mut self, watch: impl FnMut(&Update) -> ControlFlow<()> + 's) -> Self {
@@ -293,6 +355,18 @@ impl<'s> Render<'s> {
                 return wrong("the end of a part", "adaptive or an error".into(), "the range of its samples");
             }
         }
+        if let Some([number, count]) = self.tile {
+            if number >= count {
+                return wrong("the number of the part", number.to_string(), &format!("below {count}"));
+            }
+            if self.settings.adaptive || self.error.is_some() || self.time.is_some() {
+                return wrong(
+                    "the end of a part",
+                    "adaptive, a time or an error".into(),
+                    "a number of samples",
+                );
+            }
+        }
         if let Some(error) = self.error
             && (error.is_nan() || error <= 0.0)
         {
@@ -306,14 +380,22 @@ impl<'s> Render<'s> {
     /// # Errors
     /// [`RenderError::Memory`] if it does not fit, [`RenderError::Film`] if there can be no such film.
     pub fn film(&self) -> Result<Film, RenderError> {
+        self.check_memory()?;
+        let frame = self.scene.description().film.frame();
+        Film::for_render(frame, self.plan().requirements(), &self.settings).map_err(RenderError::Film)
+    }
+
+    /// Checks that its film fits into the memory that is free.
+    fn check_memory(&self) -> Result<(), RenderError> {
         let (description, plan) = (self.scene.description(), self.plan());
         let frame = description.film.frame();
         let needed = Film::bytes_for_render(frame, plan.requirements(), self.last_sample());
+        let needed = self.tile.map_or(needed, |[_, count]| needed.div_ceil(u64::from(count.max(1))));
         let free = memory::limit();
         if needed > free {
             return Err(RenderError::Memory { resolution: description.film.resolution, needed, free });
         }
-        Film::for_render(frame, plan.requirements(), &self.settings).map_err(RenderError::Film)
+        Ok(())
     }
 
     /// A session that fills `film`, to be paused and gone on with: [`Render::run`] does that for you. Samples that the film
@@ -327,9 +409,13 @@ impl<'s> Render<'s> {
         let stop = Stop { spp: self.last_sample(), time: self.time, interrupted: self.stop.clone() };
         let (tables, plan) = (self.scene.tables(), self.plan());
         let session = Session::new(tables, plan, tree, film, &self.settings, stop);
-        let session = session.map(|session| match &self.part {
-            Some(part) => session.samples(part.clone()),
-            None => session,
+        let session = session.map(|session| match (&self.part, self.tile, self.last_sample()) {
+            (part, Some([number, count]), Some(last)) => {
+                let first = part.as_ref().map_or(0, |part| part.start);
+                session.blocks(first..last, |block| block as u64 % u64::from(count) == u64::from(number))
+            }
+            (Some(part), _, _) => session.samples(part.clone()),
+            _ => session,
         });
         Ok(session?)
     }
@@ -358,43 +444,177 @@ impl<'s> Render<'s> {
     /// As [`Render::run`].
     pub fn run_in(mut self, tree: &Tree, building: Duration) -> Result<Picture, RenderError> {
         let started = Instant::now();
-        let film = self.film()?;
+        let resumed = self.resumed.take();
+        let (film, earlier) = match resumed {
+            Some(file) => {
+                self.check_same(&file)?;
+                self.check_memory()?;
+                (file.film, Some((file.about.report, file.round)))
+            }
+            None => (self.film()?, None),
+        };
         let film_time = started.elapsed();
+        let decides = self.settings.adaptive || self.error.is_some();
+        let checkpoint = self.checkpoint.take();
+        let identity = match &checkpoint {
+            Some(_) => Some(self.scene.identity().map_err(|error| RenderError::Files(error.to_string()))?),
+            None => None,
+        };
+        let mut setup = self.scene.setup().to_vec();
+        setup.extend([("film", film_time), ("tree", building)]);
         let mut watch = self.watch.take();
-        let first = self.part.as_ref().map_or(0, |part| part.start);
-        let total_samples =
-            self.last_sample().map(|last| u64::from(last.saturating_sub(first)) * film.pixels());
-        let (ended, stats, elapsed, adaptive) = {
+        let total_samples = self.total_samples();
+        let samples_before = film.sample_count();
+        let earlier_stats = earlier.as_ref().map(|(report, _)| stats_of(report)).unwrap_or_default();
+        let elapsed_before =
+            earlier.as_ref().and_then(|(report, _)| Duration::try_from_secs_f64(report.seconds).ok());
+        let elapsed_before = elapsed_before.unwrap_or_default();
+        let (ended, about, round) = {
             let live = RefCell::new(LiveError::new(&film, self.settings.threads));
             let (stop, started) = (self.stop.clone(), Instant::now());
+            let progress = Progress::default();
+            let template = self.about(&setup);
+            let mut about_before = template.clone();
+            finished::set_cost(&mut about_before.report, &earlier_stats, elapsed_before);
             let on_done = |done: &Done| {
+                let (samples, rays) =
+                    (done.samples.load(Ordering::Relaxed), done.rays.load(Ordering::Relaxed));
+                progress.samples.store(samples, Ordering::Relaxed);
+                progress.rays.store(rays, Ordering::Relaxed);
                 let Some(watch) = &mut watch else { return };
                 let update = Update {
                     live: &live,
+                    about: &about_before,
                     film: &film,
-                    samples: done.samples.load(Ordering::Relaxed),
-                    rays: done.rays.load(Ordering::Relaxed),
+                    samples: samples_before + samples,
+                    rays,
                     total_samples,
                     elapsed: started.elapsed(),
+                    samples_before,
                 };
                 if watch(&update).is_break() {
                     stop.store(true, Ordering::Relaxed);
                 }
             };
             let mut session = self.session(tree, &film)?;
-            let ended = match self.error {
+            if let Some((_, round)) = &earlier {
+                let round = round.as_ref().filter(|_| decides);
+                session = session.go_on(round, &earlier_stats, elapsed_before)?;
+            }
+            let run = |session: &mut Session| match self.error {
                 Some(error) => session.run_to_error(error, self.time, on_done),
                 None => session.run(self.time, on_done),
             };
-            (ended, session.stats().clone(), session.elapsed(), session.adaptive())
+            let about = |stats: &Stats, elapsed: Duration| {
+                let mut about = template.clone();
+                finished::set_cost(&mut about.report, stats, elapsed);
+                about
+            };
+            let rounds = decides.then(|| session.rounds());
+            let ended = match (&checkpoint, identity) {
+                (Some(checkpoint), Some(identity)) => {
+                    let (film, progress) = (&film, &progress);
+                    let (threads, rounds) = (self.settings.threads, rounds.clone());
+                    let checkpoints = Checkpoints { checkpoint, film, identity, progress, threads, rounds };
+                    // Rays by class are counted by the workers, each for itself, until they are done.
+                    let about_now = || {
+                        let samples = samples_before + progress.samples.load(Ordering::Relaxed);
+                        let rays = earlier_stats.rays() + progress.rays.load(Ordering::Relaxed);
+                        let bounces = film.bounces();
+                        let shadow = rays.saturating_sub(samples + bounces);
+                        let stages = earlier.as_ref().map(|(report, _)| report.stages.as_slice());
+                        let stats =
+                            Stats::earlier([samples, bounces, shadow], times(stages.unwrap_or_default()));
+                        about(&stats, elapsed_before + started.elapsed())
+                    };
+                    let ended = std::thread::scope(|scope| {
+                        let (still_on, end) = std::sync::mpsc::channel();
+                        let checkpoints = &checkpoints;
+                        scope.spawn(move || checkpoints.keep_writing(about_now, &end));
+                        let ended = run(&mut session);
+                        progress.is_over.store(true, Ordering::Relaxed);
+                        drop(still_on);
+                        ended
+                    });
+                    checkpoints.finish(&about(session.stats(), session.elapsed()));
+                    ended
+                }
+                _ => run(&mut session),
+            };
+            let round = rounds.map(|rounds| rounds.lock().unwrap_or_else(PoisonError::into_inner).clone());
+            let mut about = about(session.stats(), session.elapsed());
+            let session::Adaptive { predicted_gain, is_uneven: used } = session.adaptive();
+            about.report.adaptive = self.settings.adaptive.then(|| {
+                let [least_spp, most_spp] = film.sample_range();
+                report::Adaptive { used, predicted_gain, least_spp, most_spp }
+            });
+            about.report.stopped_by = Some(ended.name().to_string());
+            (ended, about, round)
         };
-        let mut setup = self.scene.setup().to_vec();
-        setup.extend([("film", film_time), ("tree", building)]);
-        Ok(Picture::new(self.scene, &self.settings, film, &stats, elapsed, &setup, ended, adaptive))
+        Ok(Picture::new(film, about, round, ended))
+    }
+
+    /// Where films of this render come from.
+    fn about(&self, setup: &[(&'static str, Duration)]) -> About {
+        let report = finished::report_of(self.scene, &self.settings, setup);
+        let (world_to_camera, world_to_ndc) = finished::camera_matrices(self.scene.description());
+        About {
+            report,
+            adaptive: self.settings.adaptive,
+            target: self.target.or_else(|| self.last_sample().filter(|_| self.part.is_none())),
+            tile: self.tile.map(|[number, count]| [number + 1, count]),
+            command: self.command.clone(),
+            half: self.scene.description().film.half,
+            world_to_camera,
+            world_to_ndc,
+        }
+    }
+
+    /// Checks that a film can be gone on with.
+    fn check_same(&self, file: &FilmFile) -> Result<(), RenderError> {
+        let changed = |what: String| Err(RenderError::Changed { what });
+        let identity = self.scene.identity().map_err(|error| RenderError::Files(error.to_string()))?;
+        let changes = file.identity.changes(identity);
+        if !changes.is_empty() {
+            return changed(format!("the scene is another one ({})", changes.join(", ")));
+        }
+        let adaptive = |is: bool| if is { "with" } else { "without" };
+        if file.about.adaptive != self.settings.adaptive {
+            let (was, is) = (adaptive(file.about.adaptive), adaptive(self.settings.adaptive));
+            return changed(format!("it was rendered {was} adaptive sampling, and is to go on {is}"));
+        }
+        let frame = self.scene.description().film.frame();
+        let now = Header::of_render(frame, self.plan().requirements(), &self.settings);
+        match file.film.header().check_same(&Header { parts: file.film.parts(), ..now }) {
+            Err(FilmError::Mismatch { what, own, other }) => {
+                changed(format!("the {what} was {own}, and is {other} now"))
+            }
+            Err(error) => Err(RenderError::Film(error)),
+            Ok(()) => Ok(()),
+        }
+    }
+
+    /// Pixel samples in all, if samples end it; of a part that is blocks of pixels, about so many.
+    pub fn total_samples(&self) -> Option<u64> {
+        let first = self.part.as_ref().map_or(0, |part| part.start);
+        let tiles = self.tile.map_or(1, |[_, count]| u64::from(count.max(1)));
+        self.last_sample().map(|last| u64::from(last.saturating_sub(first)) * self.pixels() / tiles)
     }
 
     /// Samples a pixel at which a render to an error ends if it does not reach it.
     pub fn most_spp(&self) -> u32 {
         self.last_sample().unwrap_or(MOST_SPP)
     }
+}
+
+/// What an earlier part of the render counted.
+fn stats_of(report: &Report) -> Stats {
+    let report::Rays { camera, bounce, shadow } = report.rays;
+    Stats::earlier([camera, bounce, shadow], times(&report.stages))
+}
+
+fn times(stages: &[(String, f64)]) -> impl Iterator<Item = (&str, Duration)> {
+    stages
+        .iter()
+        .filter_map(|(name, seconds)| Some((name.as_str(), Duration::try_from_secs_f64(*seconds).ok()?)))
 }

@@ -2,9 +2,12 @@
 
 use super::{BuildError, SceneDescription, SphericalLights, build, release_meshes, set_resolution};
 use crate::engine::{EngineKind, Tree};
+use crate::film_file::{Identity, hash_of_meshes};
 use crate::pbrt::{self, Diagnostic};
 use crate::plan::Plan;
+use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use wavepath_kernels::scene::Scene as Tables;
 
@@ -31,6 +34,9 @@ pub struct Scene {
     tables: Tables,
     plan: Plan,
     setup: Vec<(&'static str, Duration)>,
+    spherical_lights: SphericalLights,
+    meshes_hash: u128,
+    identity: OnceLock<Identity>,
 }
 
 /// Why there is no scene.
@@ -133,10 +139,23 @@ impl Scene {
             Ok(tables) => tables,
             Err(error) => return Err(SceneError::Build { name, error }.into()),
         };
+        let meshes_hash = hash_of_meshes(&description);
         release_meshes(&mut description);
         let plan = Plan::new(&tables);
         let setup = vec![("reading", reading - meshes), ("meshes", meshes), ("tables", started.elapsed())];
-        Ok(Scene { name, description, warnings, inputs, tables, plan, setup })
+        let (spherical_lights, identity) = (options.spherical_lights, OnceLock::new());
+        Ok(Scene {
+            name,
+            description,
+            warnings,
+            inputs,
+            tables,
+            plan,
+            setup,
+            spherical_lights,
+            meshes_hash,
+            identity,
+        })
     }
 
     /// Its file as given, or the name that it was given.
@@ -154,6 +173,17 @@ impl Scene {
     /// Every file that was read.
     pub fn inputs(&self) -> &[PathBuf] {
         &self.inputs
+    }
+    /// What its pictures depend on: for film files. Reads its files when asked for the first time.
+    ///
+    /// # Errors
+    /// Those of the file system, with the name of the file.
+    pub fn identity(&self) -> io::Result<&Identity> {
+        if let Some(identity) = self.identity.get() {
+            return Ok(identity);
+        }
+        let identity = Identity::of(self, self.meshes_hash, self.spherical_lights)?;
+        Ok(self.identity.get_or_init(|| identity))
     }
     /// Width and height of the full image, in pixels.
     pub fn resolution(&self) -> [u32; 2] {

@@ -17,6 +17,7 @@ mod ranges;
 pub mod replicates;
 
 pub use block::BlockSums;
+pub use bytes::Head;
 pub use error::ErrorEstimate;
 pub use header::{FilmError, Frame, Header, MOST_PIXELS, arithmetic};
 
@@ -61,6 +62,12 @@ pub struct Commit<'a> {
     pub light_paths: u64,
     /// What those light paths brought to pixels anywhere.
     pub splats: &'a [Splat],
+}
+
+/// Keeps a film as it is: [`Film::hold`].
+#[derive(Debug)]
+pub struct Held<'a> {
+    _alone: RwLockWriteGuard<'a, ()>,
 }
 
 /// What a light path brings to a pixel.
@@ -315,13 +322,7 @@ impl Film {
         let pairs = || self.state.iter().zip(&other.state).zip(&self.blocks);
         for ((own, other), pixels) in pairs() {
             let (own, other) = (locked(own), locked(other));
-            if own.meets(&other) {
-                let replicate = (0..REPLICATES)
-                    .find(|&k| match (own.held(k), other.held(k)) {
-                        (Some(own), Some(other)) => other.iter().any(|range| own.meets(range)),
-                        _ => false,
-                    })
-                    .unwrap_or(0);
+            if let Some(replicate) = own.shared_replicate(&other) {
                 return Err(FilmError::Overlap { pixel: [pixels.x, pixels.y], replicate });
             }
             if u64::from(own.samples()) + u64::from(other.samples()) > exact::MOST_ADDITIONS {
@@ -356,9 +357,19 @@ impl Film {
         held.and_then(|state| Some(state.held(replicate)?.iter().cloned().collect())).unwrap_or_default()
     }
 
+    /// The same of one of several seeds of the header: see [`Header::seeds`].
+    pub fn held_of_seed(&self, block: usize, seed: usize, replicate: u32) -> Vec<Range<u32>> {
+        self.held(block, seed as u32 * REPLICATES + replicate)
+    }
+
     /// Whether no sample is in the film.
     pub fn is_empty(&self) -> bool {
         self.state.iter().all(|state| locked(state).held.iter().all(|held| held.len() == 0))
+    }
+
+    /// As long as it is held, nobody adds to the film: for those who look at several blocks of a film with splats.
+    pub fn hold(&self) -> Held<'_> {
+        Held { _alone: self.alone() }
     }
 
     fn shared(&self) -> RwLockReadGuard<'_, ()> {
@@ -480,6 +491,20 @@ impl Film {
     /// light would count less.
     pub fn split(&self) {
         self.split.store(true, Ordering::Relaxed);
+    }
+
+    /// Rays of all samples beyond those from the camera and towards lights.
+    pub fn bounces(&self) -> u64 {
+        let of_block =
+            |state: &Mutex<FilmBlock>| -> u64 { locked(state).parts().map(|(_, part)| part.bounces).sum() };
+        self.state.iter().map(of_block).sum()
+    }
+
+    /// Pixel samples that are in the film.
+    pub fn sample_count(&self) -> u64 {
+        let of_block =
+            |(block, pixels): (usize, &PixelBlock)| u64::from(self.samples(block)) * pixels.pixels() as u64;
+        self.blocks.iter().enumerate().map(of_block).sum()
     }
 
     /// Blocks of a row.

@@ -8,11 +8,12 @@ use super::schedule::{Schedule, Stop};
 use super::stats::Stats;
 use super::wavefront::BATCHES;
 use super::{Done, Job, Settings, Tree, check_together, execute, watched};
+use crate::film::replicates::{REPLICATES, samples_of};
 use crate::film::{Film, FilmError, Header};
 use crate::plan::Plan;
 use std::ops::Range;
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 use wavepath_kernels::scene::Scene;
 
@@ -51,6 +52,28 @@ pub struct Adaptive {
     pub predicted_gain: Option<f64>,
     /// Whether samples were spread unevenly.
     pub is_uneven: bool,
+}
+
+/// A round of a render, and what was decided for it: with the film, all that a render which decides by what it sees needs to
+/// be gone on with, to the same bits.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Round {
+    /// Samples a pixel at its beginning, mean over the pixels.
+    pub from: u32,
+    /// The same at its end.
+    pub to: u32,
+    /// Samples of both halves of each block, if they are spread unevenly, by number in the half.
+    pub ranges: Option<Vec<[Range<u32>; 2]>>,
+    /// Efficiency over that of samples spread evenly, as predicted by the last decision.
+    pub predicted_gain: Option<f64>,
+}
+
+/// Where a render is. No round begins as long as someone holds the lock: what a film has then is of this round or of earlier
+/// ones.
+pub type Rounds = Arc<Mutex<Round>>;
+
+fn locked(rounds: &Mutex<Round>) -> MutexGuard<'_, Round> {
+    rounds.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
 /// Whether there is enough to decide on.
@@ -135,6 +158,9 @@ pub struct Session<'a> {
     predicted_gain: Option<f64>,
     /// Blocks may have different numbers of samples.
     is_uneven: bool,
+    rounds: Rounds,
+    /// The round was begun by an earlier session.
+    goes_on: bool,
     stats: Stats,
     elapsed: Duration,
     done: Done,
@@ -187,6 +213,8 @@ impl<'a> Session<'a> {
             planned,
             predicted_gain: None,
             is_uneven: false,
+            rounds: Arc::new(Mutex::new(Round { to: planned, ..Round::default() })),
+            goes_on: false,
             stats,
             elapsed,
             done,
@@ -200,6 +228,63 @@ impl<'a> Session<'a> {
         self.schedule = Schedule::of(self.film, self.settings.threads, range.clone(), false, interrupted);
         (self.planned, self.spp) = (range.end, Some(range.end));
         self
+    }
+
+    /// Renders blocks of pixels only: of each, the samples of a range, and none of those blocks that `with` does not name.
+    /// As [`Session::samples`] otherwise.
+    pub fn blocks(mut self, samples: Range<u32>, with: impl Fn(usize) -> bool) -> Self {
+        let of_half = |half: u32, samples: u32| -> u32 {
+            (half..REPLICATES).step_by(2).map(|replicate| samples_of(replicate, samples)).sum()
+        };
+        let halves = [0, 1].map(|half| of_half(half, samples.start)..of_half(half, samples.end));
+        let none = [0..0, 0..0];
+        let of_block = |block: usize| if with(block) { halves.clone() } else { none.clone() };
+        let ranges: Vec<[Range<u32>; 2]> = (0..self.film.blocks().len()).map(of_block).collect();
+        let interrupted = Arc::clone(&self.interrupted);
+        self.schedule = Schedule::by_half(self.film, self.settings.threads, &ranges, interrupted);
+        (self.planned, self.spp) = (samples.end, Some(samples.end));
+        self
+    }
+
+    /// Goes on where an earlier session ended, whose film this one has: in the middle of a round, with what that one counted
+    /// and the time that it took. Only renders that decide by what they see need the round; others go by the film.
+    ///
+    /// # Errors
+    /// [`SessionError::Foreign`] if it is the round of another film.
+    pub fn go_on(
+        mut self,
+        round: Option<&Round>,
+        stats: &Stats,
+        elapsed: Duration,
+    ) -> Result<Self, SessionError> {
+        self.stats.merge(stats);
+        self.elapsed += elapsed;
+        let Some(round) = round else { return Ok(self) };
+        let (film, workers, interrupted) = (self.film, self.settings.threads, Arc::clone(&self.interrupted));
+        let Round { from, to, ref ranges, predicted_gain } = *round;
+        let fits = |ranges: &Vec<[Range<u32>; 2]>| {
+            ranges.len() == film.blocks().len()
+                && ranges.iter().flatten().all(|range| range.start <= range.end)
+        };
+        if from > to || !ranges.as_ref().is_none_or(fits) {
+            return Err(SessionError::Foreign { what: "round", of: "another film" });
+        }
+        self.schedule = match ranges {
+            Some(ranges) => Schedule::by_half(film, workers, ranges, interrupted),
+            None => Schedule::of(film, workers, from..to, from == 0, interrupted),
+        };
+        if ranges.is_some() {
+            film.split();
+        }
+        (self.planned, self.predicted_gain, self.is_uneven) = (to, predicted_gain, ranges.is_some());
+        *locked(&self.rounds) = round.clone();
+        self.goes_on = true;
+        Ok(self)
+    }
+
+    /// Where it is.
+    pub fn rounds(&self) -> Rounds {
+        Arc::clone(&self.rounds)
     }
 
     /// What all workers counted so far.
@@ -231,11 +316,15 @@ impl<'a> Session<'a> {
         let started = Instant::now();
         let (film, workers, from) = (self.film, self.settings.threads, self.planned);
         let interrupted = Arc::clone(&self.interrupted);
-        self.schedule = match self.uneven_ranges(to) {
-            Some(ranges) => Schedule::by_half(film, workers, &ranges, interrupted),
+        let rounds = Arc::clone(&self.rounds);
+        let mut round = locked(&rounds);
+        let ranges = self.uneven_ranges(to);
+        self.schedule = match &ranges {
+            Some(ranges) => Schedule::by_half(film, workers, ranges, interrupted),
             None => Schedule::of(film, workers, from..to, from == 0, interrupted),
         };
         self.planned = to;
+        *round = Round { from, to, ranges, predicted_gain: self.predicted_gain };
         self.elapsed += started.elapsed();
     }
 
@@ -299,10 +388,12 @@ impl<'a> Session<'a> {
         mut watch: impl FnMut(&Done),
     ) -> Ended {
         let most = self.spp.unwrap_or(MOST_SPP);
-        self.planned = 0;
-        let mut to = FIRST_LOOK.min(most);
+        if !std::mem::take(&mut self.goes_on) {
+            self.planned = 0;
+            self.begin_round(FIRST_LOOK.min(most));
+        }
         loop {
-            self.begin_round(to);
+            let to = self.planned;
             let ended = self.run_round(until, &mut watch);
             if ended != Ended::Samples {
                 return ended;
@@ -318,7 +409,7 @@ impl<'a> Session<'a> {
                 return Ended::Samples;
             }
             let factor = estimate.map_or(2.0, |estimate| (estimate / error).clamp(SMALLEST_STEP, 2.0));
-            to = next_look(to, factor).min(most);
+            self.begin_round(next_look(to, factor).min(most));
         }
     }
 }

@@ -79,6 +79,18 @@ impl Stats {
     pub fn rays(&self) -> u64 {
         self.camera_rays + self.bounce_rays + self.shadow_rays
     }
+    /// Those of an earlier part of the same render: rays by class (camera, bounce, shadow), and times of stages by name.
+    pub fn earlier<'a>(rays: [u64; 3], stages: impl IntoIterator<Item = (&'a str, Duration)>) -> Self {
+        let [camera_rays, bounce_rays, shadow_rays] = rays;
+        let published = camera_rays + bounce_rays + shadow_rays;
+        let mut stats = Stats { camera_rays, bounce_rays, shadow_rays, published, ..Stats::default() };
+        for (name, time) in stages {
+            if let Some(stage) = Stage::ALL.into_iter().find(|stage| stage.name() == name) {
+                stats.stages[stage as usize] += time;
+            }
+        }
+        stats
+    }
     /// Rays since the last call.
     pub fn unpublished(&mut self) -> u64 {
         let new = self.rays() - self.published;

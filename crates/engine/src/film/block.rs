@@ -263,7 +263,7 @@ impl Layout<'_> {
 /// A block of the film.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct FilmBlock {
-    /// Samples that are in it, by replicate.
+    /// Samples that are in it, by seed and replicate: first all replicates of the first seed of the header.
     pub(super) held: Vec<Ranges>,
     /// Replicate `r` is in part `r % parts`; those from the last one that has something on are not there.
     pub(super) parts: Vec<Option<Box<Part>>>,
@@ -349,15 +349,27 @@ impl FilmBlock {
         }
     }
 
-    /// Whether the same sample is in both.
-    pub(super) fn meets(&self, other: &FilmBlock) -> bool {
-        let pairs = self.held.iter().zip(&other.held);
-        pairs.into_iter().any(|(own, other)| other.iter().any(|range| own.meets(range)))
+    /// The replicate of a sample that is in both.
+    pub(super) fn shared_replicate(&self, other: &FilmBlock) -> Option<u32> {
+        let mut pairs = self.held.iter().zip(&other.held);
+        let place = pairs.position(|(own, other)| other.iter().any(|range| own.meets(range)))?;
+        Some(place as u32 % REPLICATES)
+    }
+
+    /// The same with its seeds at other places.
+    pub(super) fn with_seeds(mut self, places: &[usize]) -> FilmBlock {
+        for (k, ranges) in std::mem::take(&mut self.held).into_iter().enumerate() {
+            let (seed, replicate) = (k / REPLICATES as usize, k as u32 % REPLICATES);
+            if let (Some(place), true) = (places.get(seed), ranges.len() > 0) {
+                *self.held_mut(*place as u32 * REPLICATES + replicate) = ranges;
+            }
+        }
+        self
     }
 
     /// Adds another one, with other samples.
     pub(super) fn merge(&mut self, layout: Layout, pixels: usize, other: &FilmBlock) {
-        for (replicate, ranges) in (0..REPLICATES).zip(&other.held) {
+        for (replicate, ranges) in (0..).zip(&other.held) {
             ranges.iter().for_each(|range| self.held_mut(replicate).insert(range.clone()));
         }
         for (k, from) in other.parts() {

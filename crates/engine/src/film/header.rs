@@ -52,6 +52,8 @@ pub struct Header {
     pub parts: u32,
     /// Seed of the random numbers.
     pub seed: u64,
+    /// Seeds of independent renders whose samples are in the film, too, each above the one before and above `seed`.
+    pub more_seeds: Vec<u64>,
     /// Random numbers.
     pub sampler: SamplerKind,
     /// What else the samples depend on, in words: the estimator and its settings.
@@ -59,6 +61,9 @@ pub struct Header {
     /// The pattern of arithmetic. Machines with the same one compute the same bits.
     pub arithmetic: String,
 }
+
+/// Most seeds of independent renders in one film.
+pub(super) const MOST_SEEDS: usize = 1 << 16;
 
 /// Most bytes of a text in a header.
 pub(super) const MOST_TEXT: usize = 1 << 16;
@@ -72,10 +77,25 @@ impl Header {
             filter_weights: requirements.filter_weights,
             parts: parts_for(frame.pixels(), requirements),
             seed: settings.seed,
+            more_seeds: Vec::new(),
             sampler: settings.sampler,
             estimator: "path".into(),
             arithmetic: arithmetic(settings.level).into(),
         }
+    }
+
+    /// All seeds.
+    pub fn seeds(&self) -> impl Iterator<Item = u64> {
+        std::iter::once(self.seed).chain(self.more_seeds.iter().copied())
+    }
+
+    /// The same with the seeds of another header, too: for a film that takes the samples of both.
+    pub fn with_seeds_of(&self, other: &Header) -> Header {
+        let mut seeds: Vec<u64> = self.seeds().chain(other.seeds()).collect();
+        seeds.sort_unstable();
+        seeds.dedup();
+        let seed = seeds.remove(0);
+        Header { seed, more_seeds: seeds, ..self.clone() }
     }
 
     /// Checks that there can be such a film.
@@ -116,6 +136,10 @@ impl Header {
                 return wrong("the channels", row.name.into(), "each name once");
             }
         }
+        let seeds: Vec<u64> = self.seeds().collect();
+        if seeds.len() > MOST_SEEDS || seeds.windows(2).any(|pair| pair[0] >= pair[1]) {
+            return wrong("the seeds", format!("{} of them", seeds.len()), "ascending, at most 65536");
+        }
         if self.estimator.len() > MOST_TEXT || self.arithmetic.len() > MOST_TEXT {
             return wrong("a text", "too long".into(), "at most 65536 bytes");
         }
@@ -135,12 +159,14 @@ impl Header {
         let names = |header: &Header| -> String {
             header.channels.iter().map(|row| row.name).collect::<Vec<_>>().join(",")
         };
+        let seeds =
+            |header: &Header| header.seeds().map(|seed| seed.to_string()).collect::<Vec<_>>().join(", ");
         check("image", size(&self.frame), size(&other.frame))?;
         check("crop", format!("{:?}", self.frame.bounds), format!("{:?}", other.frame.bounds))?;
         check("channels", names(self), names(other))?;
         check("filter weights", self.filter_weights.to_string(), other.filter_weights.to_string())?;
         check("number of parts", self.parts.to_string(), other.parts.to_string())?;
-        check("seed", self.seed.to_string(), other.seed.to_string())?;
+        check("seed", seeds(self), seeds(other))?;
         check("sampler", self.sampler.name().into(), other.sampler.name().into())?;
         check("estimator", self.estimator.clone(), other.estimator.clone())?;
         check("arithmetic", self.arithmetic.clone(), other.arithmetic.clone())?;

@@ -17,6 +17,8 @@
 //! The replicates of even and of odd number are two halves, which adaptive sampling gives different numbers of samples. A
 //! half by itself follows the same rule: the samples of a half, in the order of the whole.
 
+use std::ops::Range;
+
 /// Replicates that samples are dealt to.
 pub const REPLICATES: u32 = 8;
 
@@ -73,6 +75,47 @@ pub fn opened(samples: u32) -> u32 {
     (0..REPLICATES).filter(|&replicate| samples_of(replicate, samples) > 0).count() as u32
 }
 
+/// The numbers in the pixel of samples that are given by their numbers in the replicates, `held` for each: as ranges, in
+/// ascending order.
+pub fn numbers_in_pixel(held: &[Vec<Range<u32>>]) -> Vec<Range<u32>> {
+    let end_of =
+        |replicate: u32| held.get(replicate as usize).and_then(|ranges| ranges.last()).map(|range| range.end);
+    let mut numbers: Vec<Range<u32>> = Vec::new();
+    // How far each replicate has come, and which of its ranges is next.
+    let (mut counts, mut next) = ([0u32; REPLICATES as usize], [0usize; REPLICATES as usize]);
+    let mut number = 0;
+    let mut segments = WHOLE.iter();
+    let Some(mut segment) = segments.next() else { return numbers };
+    let mut start = 0;
+    while (0..REPLICATES)
+        .any(|replicate| end_of(replicate).is_some_and(|end| counts[replicate as usize] < end))
+    {
+        if number == segment.end {
+            start = segment.end;
+            match segments.next() {
+                Some(following) => segment = following,
+                None => break,
+            }
+        }
+        let replicate = (segment.first + (number - start) % segment.members) as usize;
+        let own = counts[replicate];
+        counts[replicate] += 1;
+        if let Some(ranges) = held.get(replicate) {
+            while ranges.get(next[replicate]).is_some_and(|range| range.end <= own) {
+                next[replicate] += 1;
+            }
+            if ranges.get(next[replicate]).is_some_and(|range| range.start <= own) {
+                match numbers.last_mut() {
+                    Some(last) if last.end == number => last.end += 1,
+                    _ => numbers.push(number..number + 1),
+                }
+            }
+        }
+        number += 1;
+    }
+    numbers
+}
+
 /// Where to stop on the way from `from` on so that all replicates that are open have come as far as they can: sample
 /// numbers that double first, then steps of 16 samples a replicate.
 pub(crate) fn next_stop(from: u32) -> u32 {
@@ -121,6 +164,19 @@ mod tests {
             assert_eq!(own(halves[half] + 1), samples_of(replicate, samples) + 1);
             halves[half] += 1;
         }
+    }
+
+    #[test]
+    fn numbers_in_the_pixel_come_back() {
+        for (first, end) in [(0, 1), (0, 64), (3, 5), (17, 300), (129, 1000), (5, 5)] {
+            let of = |replicate| samples_of(replicate, first)..samples_of(replicate, end);
+            let held: Vec<_> = (0..REPLICATES)
+                .map(|k| Vec::from_iter(Some(of(k)).filter(|range| !range.is_empty())))
+                .collect();
+            let numbers = numbers_in_pixel(&held);
+            assert_eq!(numbers, Vec::from_iter(Some(first..end).filter(|range| !range.is_empty())));
+        }
+        assert_eq!(numbers_in_pixel(&[vec![], vec![0..1, 3..4]]), [2..3, 7..8]);
     }
 
     #[test]

@@ -21,6 +21,7 @@ fn header(width: u32, height: u32) -> Header {
         filter_weights: false,
         parts: 8,
         seed: 1,
+        more_seeds: Vec::new(),
         sampler: SamplerKind::Sobol,
         estimator: "path".into(),
         arithmetic: "f32".into(),
