@@ -22,8 +22,9 @@ impl Holding {
     pub fn of(film: &Film) -> Vec<Holding> {
         let mut out = Vec::new();
         for (place, seed) in film.header().seeds().enumerate() {
-            let mut by_samples: BTreeMap<Vec<(u32, u32)>, Vec<usize>> = BTreeMap::new();
-            let mut numbers_of: BTreeMap<Vec<Vec<(u32, u32)>>, Vec<(u32, u32)>> = BTreeMap::new();
+            let mut by_samples: BTreeMap<Pairs, Vec<usize>> = BTreeMap::new();
+            // By what the replicates have.
+            let mut numbers_of: BTreeMap<Vec<Pairs>, Pairs> = BTreeMap::new();
             for block in 0..film.blocks().len() {
                 let held: Vec<Vec<Range<u32>>> =
                     (0..REPLICATES).map(|replicate| film.held_of_seed(block, place, replicate)).collect();
@@ -46,7 +47,10 @@ impl Holding {
     }
 }
 
-fn pairs(ranges: &[Range<u32>]) -> Vec<(u32, u32)> {
+/// Ranges that can be put in order.
+type Pairs = Vec<(u32, u32)>;
+
+fn pairs(ranges: &[Range<u32>]) -> Pairs {
     ranges.iter().map(|range| (range.start, range.end)).collect()
 }
 
