@@ -381,9 +381,9 @@ fn independent_renders_are_averaged() {
     let merged = all.into_picture();
     assert_eq!(merged.report().spp, 320.0);
     for (k, pixel) in merged.image().pixels.iter().enumerate() {
-        for c in 0..3 {
+        for (c, value) in pixel.iter().enumerate() {
             let sum: f64 = pictures.iter().map(|(p, spp)| spp * f64::from(p.image().pixels[k][c])).sum();
-            assert!((f64::from(pixel[c]) - sum / 320.0).abs() < 1e-6 * (1.0 + sum / 320.0));
+            assert!((f64::from(*value) - sum / 320.0).abs() < 1e-6 * (1.0 + sum / 320.0));
         }
     }
     // The estimate of the error holds: against many samples, and within the factor that one picture of 960 pixels allows.
