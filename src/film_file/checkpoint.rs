@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-/// Time between two checkpoints, unless it is chosen or [`COST`] asks for more.
+/// Time between two checkpoints, unless it is chosen, or would take more than half a per cent of the time.
 pub const DEFAULT_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Where no interval is chosen, writing takes at most this part of the time of all threads.

@@ -1,6 +1,6 @@
 //! What a picture depends on, so that samples of two scenes are never mixed.
 
-use crate::scene::{Scene, SceneDescription, SphericalLights};
+use crate::scene::{Mesh, Scene, SceneDescription, SphericalLights};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
@@ -26,7 +26,8 @@ impl Identity {
     /// Of a scene. Reads its files, which takes a while if they are large; [`Scene::identity`] does so once.
     pub(crate) fn of(scene: &Scene, meshes: u128, spherical_lights: SphericalLights) -> io::Result<Identity> {
         let mut description = scene.description().clone();
-        // What is in the film's header, or changes no sample.
+        // What is in the film's header, or changes no sample. (Contents of files that would be long to print can be left out,
+        // too: the files are known by their bytes. Meshes are empty here.)
         description.film.filename = None;
         description.film.half = false;
         description.sampler = Default::default();
@@ -123,12 +124,12 @@ fn hex(hash: u128) -> String {
 /// Of the vertices and triangles of all meshes.
 pub(crate) fn hash_of_meshes(description: &SceneDescription) -> u128 {
     let mut hasher = Xxh3::new();
-    for mesh in &description.meshes {
+    for Mesh { positions, normals, uvs, triangles } in &description.meshes {
         let arrays: [&[u8]; 4] = [
-            bytemuck::cast_slice(&mesh.positions),
-            bytemuck::cast_slice(&mesh.normals),
-            bytemuck::cast_slice(&mesh.uvs),
-            bytemuck::cast_slice(&mesh.triangles),
+            bytemuck::cast_slice(positions),
+            bytemuck::cast_slice(normals),
+            bytemuck::cast_slice(uvs),
+            bytemuck::cast_slice(triangles),
         ];
         for array in arrays {
             hasher.update(&(array.len() as u64).to_le_bytes());
