@@ -42,6 +42,7 @@ fn description() -> SceneDescription {
             emission: (k > 0).then_some(Emission { radiance: [1.0; 3], power: None, two_sided: true }),
             flip_normal: false,
             visible: true,
+            opacity: None,
         })
         .collect();
     scene.lights = vec![
