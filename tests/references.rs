@@ -765,3 +765,36 @@ fn nearly_specular_metal_under_a_small_lamp() {
         estimate(&Render { engine, spp: Some(320), ..base }, &scene).assert_same("megakernel", &expected);
     }
 }
+
+/// Brushed metal follows the coordinates: turned by a right angle with the roughness exchanged it is the same, turned alone
+/// it is not.
+#[test]
+fn brushed_metal_follows_the_coordinates() {
+    let shown = |uv: &str, roughness: [f64; 2]| {
+        let [u, v] = roughness;
+        let scene = scene(&format!(
+            r#"
+            LookAt 0 2 -3  0 0 0  0 1 0
+            Camera "perspective" "float fov" 30
+            Integrator "path" "integer maxdepth" 2
+            Film "rgb" "integer xresolution" 16 "integer yresolution" 16
+            PixelFilter "box"
+            WorldBegin
+            AttributeBegin AreaLightSource "diffuse" "rgb L" [ 20 10 5 ] Material "diffuse" "rgb reflectance" [ 0 0 0 ]
+            Translate .5 2 3 Shape "sphere" "float radius" .3 AttributeEnd
+            Material "conductor" "float uroughness" {u} "float vroughness" {v} "bool remaproughness" false
+            Shape "trianglemesh" "integer indices" [ 0 1 2 0 2 3 ] "point3 P" [ -1 0 -1  1 0 -1  1 0 1  -1 0 1 ]
+                "point2 uv" [ {uv} ]
+            "#
+        ));
+        let render = |engine| Render { engine, spp: Some(256), ..Render::default() };
+        let [one, other] = ENGINES.map(|engine| estimate(&render(engine), &scene));
+        assert_eq!(one.mean, other.mean, "both engines");
+        one
+    };
+    let (along, turned) = ("0 0 1 0 1 1 0 1", "0 0 0 1 1 1 1 0");
+    let plain = shown(along, [0.4, 0.1]);
+    shown(turned, [0.1, 0.4]).assert_same("exchanged", &plain);
+    let other = shown(turned, [0.4, 0.1]);
+    assert!((other.mean[0] / plain.mean[0] - 1.0).abs() > 0.05, "{} and {}", other.mean[0], plain.mean[0]);
+}
