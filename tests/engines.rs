@@ -90,6 +90,29 @@ const TEXTURED: &str = r#"
     AttributeBegin Translate 3 .5 0 Rotate 90 1 0 0 Shape "disk" "float radius" .7 "float alpha" .5 AttributeEnd
 "#;
 
+/// Textures where materials of several lobes have them, shares of mixtures among them; and brushed metal.
+const TEXTURED_LOBES: &str = r#"
+    Texture "checks" "spectrum" "checkerboard" "float uscale" 6 "float vscale" 6 "rgb tex1" [ .1 .2 .3 ]
+    Texture "dots" "float" "dots" "float uscale" 8 "float vscale" 8
+    Texture "ramp" "float" "bilerp" "float v00" .1 "float v10" .9 "float v01" .5 "float v11" .2
+    MakeNamedMaterial "clay" "string type" "diffuse" "texture reflectance" "checks"
+    MakeNamedMaterial "steel" "string type" "conductor" "float uroughness" .3 "float vroughness" .05
+    MakeNamedMaterial "glass" "string type" "dielectric" "texture roughness" "ramp"
+    MakeNamedMaterial "some" "string type" "mix" "string materials" [ "clay" "steel" ] "texture amount" "dots"
+    Material "coateddiffuse" "texture reflectance" "checks" "float roughness" .1
+    Shape "trianglemesh" "integer indices" [ 0 1 2 0 2 3 ] "point3 P" [ -6 0 -6  -6 0 6  6 0 6  6 0 -6 ]
+        "point2 uv" [ 0 0 0 1 1 1 1 0 ]
+    AttributeBegin NamedMaterial "some" Translate -3 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "mix" "string materials" [ "some" "glass" ] "texture amount" "ramp"
+        Translate -1.5 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin NamedMaterial "glass" Translate 0 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin NamedMaterial "steel" Translate 1.5 .5 0 Rotate 70 1 0 0 Shape "disk" "float radius" .6 AttributeEnd
+    AttributeBegin Material "coatedconductor" "float interface.roughness" .1 "float conductor.roughness" .2
+        Translate 3 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin AreaLightSource "diffuse" "rgb L" [ 9 5 2 ]
+        Translate 2 3 0 Shape "disk" "float radius" .3 "float alpha" 0 AttributeEnd
+"#;
+
 /// What only version 3 has.
 const BALLS_V3: &str = r#"
     MakeNamedMaterial "clay" "string type" "matte" "rgb Kd" [ .8 .3 .2 ] "float sigma" 20
@@ -140,6 +163,7 @@ fn all_scenes() -> Vec<(&'static str, SceneDescription)> {
         ("spherical lamp, transmission", format!("{VIEW}{LAMP}{FLOOR}{BALLS}")),
         ("spherical lamp, nothing transmits", format!("{VIEW}{LAMP}{FLOOR}")),
         ("lights, nothing transmits", format!("{VIEW}{LIGHTS}{FLOOR}")),
+        ("textured lobes", format!("{VIEW}{LIGHTS}{TEXTURED_LOBES}")),
         ("materials of version 3", format!("{VIEW}{LAMP}{FLOOR}{BALLS_V3}")),
         ("sky only", format!("{VIEW}{sky}{FLOOR}{BALLS}")),
         ("no lights", format!("{VIEW}{FLOOR}{BALLS}")),
