@@ -50,8 +50,83 @@ const BALLS: &str = r#"
         Translate -1.5 .6 -2 Rotate 30 1 0 0 Shape "disk" "float radius" .5 "float innerradius" .2 AttributeEnd
     AttributeBegin Material "diffusetransmission" "rgb reflectance" [ .2 .5 .3 ] "rgb transmittance" [ .6 .2 .3 ]
         Translate 0 1.2 -1 Shape "sphere" "float radius" .3 AttributeEnd
+    MakeNamedMaterial "clay" "string type" "diffuse" "rgb reflectance" [ .8 .3 .2 ]
+    MakeNamedMaterial "steel" "string type" "conductor" "float roughness" .1
+    MakeNamedMaterial "glass" "string type" "dielectric"
+    MakeNamedMaterial "both" "string type" "mix" "string materials" [ "clay" "steel" ] "float amount" .3
+    AttributeBegin NamedMaterial "both" Translate -3 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
+    AttributeBegin Material "mix" "string materials" [ "both" "glass" ] "float amount" .6
+        AreaLightSource "diffuse" "rgb L" [ .1 .2 .3 ]
+        Translate -2 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
+    AttributeBegin Material "dielectric" "float roughness" .1
+        Translate -1 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
+    AttributeBegin Material "coateddiffuse" "rgb reflectance" [ .2 .6 .3 ]
+        Translate 1 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
+    AttributeBegin Material "coateddiffuse" "rgb reflectance" [ .2 .3 .7 ] "float roughness" .2
+        Translate 2 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
     AttributeBegin Material "dielectric" Translate 3 1.5 1 Scale .3 .3 .3
         Shape "plymesh" "string filename" "meshes/block.ply" AttributeEnd
+"#;
+
+/// Textures of every kind for parameters of several materials, relief and what is not everywhere there.
+const TEXTURED: &str = r#"
+    Texture "checks" "spectrum" "checkerboard" "float uscale" 6 "float vscale" 6 "rgb tex1" [ .1 .2 .3 ]
+    Texture "solid" "spectrum" "checkerboard" "integer dimension" 3 "texture tex1" "checks" "rgb tex2" [ .9 .5 .1 ]
+    Texture "noise" "float" "fbm" Texture "wrinkles" "float" "wrinkled" Texture "wind" "float" "windy"
+    Texture "veins" "spectrum" "marble" "float scale" 3
+    Texture "dots" "float" "dots" "float uscale" 8 "float vscale" 8
+    Texture "ramp" "spectrum" "bilerp" "string mapping" "spherical" "rgb v00" [ .8 .1 .1 ]
+    Texture "low" "float" "scale" "texture tex" "noise" "float scale" .1
+    Texture "mixed" "spectrum" "mix" "texture tex1" "veins" "texture tex2" "solid" "texture amount" "wrinkles"
+    Texture "turned" "spectrum" "directionmix" "texture tex1" "mixed" "texture tex2" "ramp"
+    Texture "degrees" "float" "scale" "texture tex" "wind" "float scale" 60
+    Material "diffuse" "texture reflectance" "solid" "texture sigma" "degrees"
+    Shape "trianglemesh" "integer indices" [ 0 1 2 0 2 3 ] "point3 P" [ -6 0 -6  -6 0 6  6 0 6  6 0 -6 ]
+    Material "diffuse" "texture reflectance" "turned" "texture displacement" "low"
+    AttributeBegin Translate -3 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Translate -1 .5 0 Shape "cylinder" "float radius" .4 AttributeEnd
+    Material "diffusetransmission" "texture reflectance" "checks" "texture transmittance" "ramp"
+    AttributeBegin Translate 1 .5 0 Shape "sphere" "float radius" .5 "texture alpha" "dots" AttributeEnd
+    AttributeBegin Translate 3 .5 0 Rotate 90 1 0 0 Shape "disk" "float radius" .7 "float alpha" .5 AttributeEnd
+"#;
+
+/// Textures where materials of several lobes have them, shares of mixtures among them; and brushed metal.
+const TEXTURED_LOBES: &str = r#"
+    Texture "checks" "spectrum" "checkerboard" "float uscale" 6 "float vscale" 6 "rgb tex1" [ .1 .2 .3 ]
+    Texture "dots" "float" "dots" "float uscale" 8 "float vscale" 8
+    Texture "ramp" "float" "bilerp" "float v00" .1 "float v10" .9 "float v01" .5 "float v11" .2
+    MakeNamedMaterial "clay" "string type" "diffuse" "texture reflectance" "checks"
+    MakeNamedMaterial "steel" "string type" "conductor" "float uroughness" .3 "float vroughness" .05
+    MakeNamedMaterial "glass" "string type" "dielectric" "texture roughness" "ramp"
+    MakeNamedMaterial "some" "string type" "mix" "string materials" [ "clay" "steel" ] "texture amount" "dots"
+    Material "coateddiffuse" "texture reflectance" "checks" "float roughness" .1
+    Shape "trianglemesh" "integer indices" [ 0 1 2 0 2 3 ] "point3 P" [ -6 0 -6  -6 0 6  6 0 6  6 0 -6 ]
+        "point2 uv" [ 0 0 0 1 1 1 1 0 ]
+    AttributeBegin NamedMaterial "some" Translate -3 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "mix" "string materials" [ "some" "glass" ] "texture amount" "ramp"
+        Translate -1.5 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin NamedMaterial "glass" Translate 0 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin NamedMaterial "steel" Translate 1.5 .5 0 Rotate 70 1 0 0 Shape "disk" "float radius" .6 AttributeEnd
+    AttributeBegin Material "coatedconductor" "float interface.roughness" .1 "float conductor.roughness" .2
+        Translate 3 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin AreaLightSource "diffuse" "rgb L" [ 9 5 2 ]
+        Translate 2 3 0 Shape "disk" "float radius" .3 "float alpha" 0 AttributeEnd
+"#;
+
+/// What only version 3 has.
+const BALLS_V3: &str = r#"
+    MakeNamedMaterial "clay" "string type" "matte" "rgb Kd" [ .8 .3 .2 ] "float sigma" 20
+    MakeNamedMaterial "silver" "string type" "mirror"
+    AttributeBegin Material "mix" "string namedmaterial1" "clay" "string namedmaterial2" "silver" "rgb amount" [ .2 .5 .9 ]
+        Translate -2 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "plastic" "rgb Kd" [ .1 .2 .6 ] Translate -1 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "substrate" "rgb Kd" [ .1 .6 .2 ] Translate 0 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "uber" "rgb Kd" [ .3 .1 .1 ] "rgb Kr" [ .2 .2 .2 ] "rgb Kt" [ .2 .3 .4 ] "rgb opacity" [ .5 .7 .9 ]
+        Translate 1 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "translucent" "rgb Kd" [ .5 .4 .3 ] "float roughness" .3
+        Translate 2 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "glass" "float uroughness" .2 "float vroughness" .2 "rgb Kt" [ .9 .8 .9 ]
+        Translate 0 1.5 1 Shape "sphere" "float radius" .5 AttributeEnd
 "#;
 
 /// Every kind of light.
@@ -88,12 +163,16 @@ fn all_scenes() -> Vec<(&'static str, SceneDescription)> {
         ("spherical lamp, transmission", format!("{VIEW}{LAMP}{FLOOR}{BALLS}")),
         ("spherical lamp, nothing transmits", format!("{VIEW}{LAMP}{FLOOR}")),
         ("lights, nothing transmits", format!("{VIEW}{LIGHTS}{FLOOR}")),
+        ("textured lobes", format!("{VIEW}{LIGHTS}{TEXTURED_LOBES}")),
+        ("materials of version 3", format!("{VIEW}{LAMP}{FLOOR}{BALLS_V3}")),
         ("sky only", format!("{VIEW}{sky}{FLOOR}{BALLS}")),
         ("no lights", format!("{VIEW}{FLOOR}{BALLS}")),
         ("no primitives", format!("{VIEW}{sky}")),
         ("nothing at all", VIEW.to_string()),
         ("no triangles", format!("{VIEW}{LAMP}Material \"diffuse\" Shape \"sphere\"")),
         ("lamp alone", format!("{VIEW}{LAMP}")),
+        ("textures", format!("{VIEW}{LIGHTS}{TEXTURED}")),
+        ("textures, sky only", format!("{VIEW}{sky}{TEXTURED}")),
     ];
     let mut scenes: Vec<_> = texts.iter().map(|(name, text)| (*name, scene(text))).collect();
     for name in [
@@ -410,7 +489,7 @@ fn a_time_limit_gives_every_pixel_a_sample() {
 /// workers had; the slack is for clocks.
 #[test]
 fn stages_add_up() {
-    let scene = sized(everything(), 64, 48);
+    let scene = sized(scene(&format!("{VIEW}{LIGHTS}{FLOOR}{BALLS}{TEXTURED}")), 64, 48);
     for engine in ENGINES {
         for threads in [1, 2] {
             let rendered = Render { engine, threads, spp: Some(32), ..Render::default() }.of(&scene);

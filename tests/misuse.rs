@@ -41,6 +41,8 @@ fn description() -> SceneDescription {
             material: MaterialId(0),
             emission: (k > 0).then_some(Emission { radiance: [1.0; 3], power: None, two_sided: true }),
             flip_normal: false,
+            visible: true,
+            opacity: None,
         })
         .collect();
     scene.lights = vec![

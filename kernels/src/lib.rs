@@ -11,8 +11,10 @@
 //! | [`channels`] | what a film holds of each pixel, and what fills it at a first hit |
 //! | [`generate`] | stage: camera rays |
 //! | [`intersect`] | stage: closest hits |
+//! | [`cutout`] | surfaces that are not everywhere there |
 //! | [`material_sort`] | stage: index lists by material |
 //! | [`mod@shade`] | stage: one kernel a material; light that paths find by themselves |
+//! | [`mod@texture`] | stage: parameters of materials that are not the same everywhere |
 //! | [`light_sample`] | stage: rays towards lights |
 //! | [`roulette_compact`] | stage: Russian roulette, compaction |
 //!
@@ -23,6 +25,7 @@
 #![allow(clippy::too_many_arguments)]
 
 pub mod channels;
+pub mod cutout;
 pub mod generate;
 mod huge;
 pub mod intersect;
@@ -31,8 +34,10 @@ pub mod lanes;
 pub mod light_sample;
 pub mod material_sort;
 pub mod math;
+pub mod mixture;
 pub mod queue;
 pub mod roulette_compact;
 pub mod sampler;
 pub mod scene;
 pub mod shade;
+pub mod texture;

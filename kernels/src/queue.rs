@@ -19,12 +19,14 @@ pub enum Needs {
     Always,
     /// In scenes where light crosses the surface of a dielectric.
     Transmission,
-    /// In scenes with vertex normals.
-    SmoothNormals,
+    /// In scenes with vertex normals, or textures.
+    Barycentric,
     /// In scenes with lights to sample.
     LightSampling,
     /// With a reconstruction filter that has negative lobes.
     FilterWeights,
+    /// In scenes with mixtures of materials.
+    Mixtures,
     /// In scenes with instances: no scene has any yet, copies stand for them.
     Instances,
 }
@@ -34,12 +36,18 @@ pub enum Needs {
 pub struct Requirements {
     /// See [`Needs::Transmission`].
     pub transmission: bool,
-    /// See [`Needs::SmoothNormals`].
+    /// There are vertex normals.
     pub smooth_normals: bool,
+    /// There are textured materials.
+    pub textures: bool,
+    /// There are shapes with an opacity.
+    pub cutouts: bool,
     /// See [`Needs::LightSampling`].
     pub light_sampling: bool,
     /// See [`Needs::FilterWeights`].
     pub filter_weights: bool,
+    /// See [`Needs::Mixtures`].
+    pub mixtures: bool,
     /// See [`Needs::Instances`].
     pub instances: bool,
     /// What the film holds beside radiance.
@@ -52,9 +60,10 @@ impl Requirements {
         match need {
             Needs::Always => true,
             Needs::Transmission => self.transmission,
-            Needs::SmoothNormals => self.smooth_normals,
+            Needs::Barycentric => self.smooth_normals || self.textures || self.cutouts,
             Needs::LightSampling => self.light_sampling,
             Needs::FilterWeights => self.filter_weights,
+            Needs::Mixtures => self.mixtures,
             Needs::Instances => self.instances,
         }
     }
@@ -144,8 +153,12 @@ queues! {
     HitQueue "hit" {
         t: f32, Always, "distance along the ray";
         primitive: u32, Always, "primitive, or none";
-        u: f32, SmoothNormals, "barycentric weight of the second corner";
-        v: f32, SmoothNormals, "barycentric weight of the third corner";
+        u: f32, Barycentric, "barycentric weight of the second corner";
+        v: f32, Barycentric, "barycentric weight of the third corner";
+        material: u32, Mixtures, "class and row of the material that was chosen";
+        weight_r: f32, Mixtures, "what the material's light is multiplied by, red";
+        weight_g: f32, Mixtures, "what the material's light is multiplied by, green";
+        weight_b: f32, Mixtures, "what the material's light is multiplied by, blue";
         instance: u32, Instances, "instance that the primitive is a part of";
     }
     /// What stays in place while a path lives, by slot.

@@ -7,7 +7,7 @@ use std::fmt;
 use wavepath_kernels::channels::{Channel, ChannelSet, ChannelTable};
 use wavepath_kernels::queue::{Requirements, bytes_per_path, columns};
 use wavepath_kernels::scene::lights::kind;
-use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene, SceneId};
+use wavepath_kernels::scene::{MaterialClass, MaterialHandle, PrimitiveTag, Scene, SceneId};
 
 /// A stage or kernel that runs or is left out, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -114,7 +114,16 @@ impl Plan {
         let geometry = scene.geometry();
         let mut of_class = [0usize; MaterialClass::COUNT];
         for &tag in geometry.tags() {
-            of_class[PrimitiveTag(tag).class() as usize] += 1;
+            let tag = PrimitiveTag(tag);
+            of_class[tag.class() as usize] += 1;
+            if tag.class() == MaterialClass::Mixture as u32 {
+                let id = tag.0 & PrimitiveTag::ID_MASK;
+                let row = if tag.emits() { scene.lights().material_of(id as usize) } else { id };
+                let material = MaterialHandle { class: MaterialClass::Mixture, row };
+                for class in scene.materials().classes(material) {
+                    of_class[class as usize] += 1;
+                }
+            }
         }
         let used = |class: MaterialClass| of_class[class as usize] > 0;
         let scatters = scene.max_depth() > 0;
@@ -125,8 +134,12 @@ impl Plan {
         let requirements = Requirements {
             transmission: shade_kernels.iter().any(|c| c.scales_radiance()),
             smooth_normals: geometry.smooth_triangles() > 0,
+            cutouts: !geometry.opacities().is_empty(),
+            textures: shade_kernels.iter().any(|&class| scene.programs().has_class(class))
+                || used(MaterialClass::Mixture) && scene.programs().has_class(MaterialClass::Mixture),
             light_sampling: light_kinds != 0,
             filter_weights: scene.camera().filter().has_negative_lobes(),
+            mixtures: used(MaterialClass::Mixture),
             instances: false,
             channels: ChannelSet::default(),
         };
@@ -154,6 +167,18 @@ impl Plan {
                     present: requirements.have(c.needs),
                     holds: c.holds,
                 })
+                .chain([PlannedColumn {
+                    name: "row (some).parameters".into(),
+                    bytes: size_of::<f32>() * scene.programs().widest(),
+                    present: requirements.textures,
+                    holds: "parameters of a textured material at the point",
+                }])
+                .chain([PlannedColumn {
+                    name: "row (some).normal".into(),
+                    bytes: 3 * size_of::<f32>(),
+                    present: requirements.textures && scene.programs().have_reliefs(),
+                    holds: "shading normal, where textures turn some",
+                }])
                 .chain(all_channel_columns().map(|(_, name, holds)| PlannedColumn {
                     name,
                     bytes: size_of::<f32>(),
@@ -198,8 +223,11 @@ impl Plan {
         plan.requirements = Requirements {
             transmission: true,
             smooth_normals: true,
+            textures: plan.requirements.textures,
+            cutouts: plan.requirements.cutouts,
             light_sampling: lit,
             filter_weights: true,
+            mixtures: plan.requirements.mixtures,
             instances: false,
             channels: ChannelSet::default(),
         };
@@ -242,7 +270,26 @@ impl Plan {
                 p.quadrics > 0,
                 counted(p.quadrics, "disks, clipped or stretched spheres"),
             ),
+            part(
+                "cutout",
+                self.requirements.cutouts,
+                (if self.requirements.cutouts { "shapes with an opacity" } else { "everything is there" })
+                    .into(),
+            ),
+            part(
+                "mixture",
+                self.requirements.mixtures,
+                counted(of_class[MaterialClass::Mixture as usize], "primitives with a mixture of materials"),
+            ),
             part("material_sort", true, format!("{} lists", self.shade_kernels.len() + 2)),
+            part("texture", self.requirements.textures, {
+                let textured = scene.materials().textured().filter(|(_, columns)| !columns.is_empty());
+                let materials = textured.count().max(scene.materials().reliefs().len());
+                match (materials, scene.textures().images().len()) {
+                    (0, _) => "no textured materials".into(),
+                    (n, pictures) => format!("{n} textured materials, {}", counted(pictures, "pictures")),
+                }
+            }),
         ];
         for class in MaterialClass::scattering() {
             let n = of_class[class as usize];

@@ -12,8 +12,12 @@ pub enum Stage {
     Generate,
     /// Closest hits.
     Intersect,
+    /// Materials of mixtures.
+    Mixture,
     /// Index lists by material.
     MaterialSort,
+    /// Parameters of textured materials.
+    Texture,
     /// Scattering, emission, sky.
     Shade,
     /// Rays towards lights.
@@ -28,12 +32,14 @@ pub enum Stage {
 
 impl Stage {
     /// How many there are.
-    pub const COUNT: usize = 8;
+    pub const COUNT: usize = 10;
     /// All of them.
     pub const ALL: [Stage; Self::COUNT] = [
         Stage::Generate,
         Stage::Intersect,
+        Stage::Mixture,
         Stage::MaterialSort,
+        Stage::Texture,
         Stage::Shade,
         Stage::LightSample,
         Stage::RouletteCompact,
@@ -45,7 +51,9 @@ impl Stage {
         match self {
             Stage::Generate => "generate",
             Stage::Intersect => "intersect",
+            Stage::Mixture => "mixture",
             Stage::MaterialSort => "material_sort",
+            Stage::Texture => "texture",
             Stage::Shade => "shade",
             Stage::LightSample => "light_sample",
             Stage::RouletteCompact => "roulette_compact",

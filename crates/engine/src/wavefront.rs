@@ -10,11 +10,13 @@ use crate::film::BlockSums;
 use std::marker::PhantomData;
 use std::ops::Range;
 use wavepath_kernels::channels::{ChannelTable, FirstHits};
+use wavepath_kernels::cutout::{PassAll, ShadowsPast};
 use wavepath_kernels::generate::{Batch, Generate};
 use wavepath_kernels::intersect::{Accelerator, Intersect, RayClass, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel, Promise};
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::material_sort::{MaterialSort, Sorted, list};
+use wavepath_kernels::mixture::Mixture;
 use wavepath_kernels::queue::{
     HitQueue, MAX_BATCH, OrderLists, PathQueue, Requirements, SHADOW_RAYS, SLOT_BITS, ShadowQueue, SlotTable,
     unit_and_pixel,
@@ -25,6 +27,7 @@ use wavepath_kernels::shade::emission::Emission;
 use wavepath_kernels::shade::environment::Environment;
 use wavepath_kernels::shade::materials::{ForMaterial, Material};
 use wavepath_kernels::shade::{Features, Shade};
+use wavepath_kernels::texture::{EvaluateTextures, PIECE, TexturedRows};
 
 /// Paths of a pool, if the user does not say otherwise: 2 to 8 thousand were best, as they fit a 1 MiB L2.
 pub const DEFAULT_BATCH: usize = 4096;
@@ -84,6 +87,8 @@ struct Pool<'a, P, A> {
     /// The camera's viewing axis.
     axis: [f32; 3],
     shadows: ShadowQueue,
+    /// Parameters of the paths of a piece, if their materials are textured.
+    rows: TexturedRows,
     order: OrderLists,
     /// Paths that have bounced; those behind them in the queue come from the camera.
     survivors: usize,
@@ -129,6 +134,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             channels: ChannelTable::new(batch, requirements.channels),
             axis: job.scene.camera().axis(),
             shadows: ShadowQueue::new(SHADOW_RAYS, requirements),
+            rows: TexturedRows::new(job.scene),
             order,
             survivors: 0,
             free: batch,
@@ -158,12 +164,21 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
                 laps.lap_rays(&mut self.stats, Stage::Intersect, class, rays);
             }
             self.first_hits(isa);
+            if self.job.plan.requirements().mixtures {
+                self.mixture(isa);
+                laps.lap(&mut self.stats, Stage::Mixture);
+            }
             let sorted = self.material_sort(isa);
             laps.lap(&mut self.stats, Stage::MaterialSort);
             self.light_met(isa, &sorted);
             for &class in self.job.plan.shade_kernels() {
-                for (piece, coherent) in self.pieces(class, &sorted) {
-                    self.shade(isa, class, piece);
+                let textured = self.job.scene.programs().has_class(class);
+                for (piece, coherent) in self.pieces(class, textured, &sorted) {
+                    if textured {
+                        self.texture(isa, piece.clone());
+                        laps.lap(&mut self.stats, Stage::Texture);
+                    }
+                    self.shade(isa, class, textured, piece);
                     laps.lap(&mut self.stats, Stage::Shade);
                     if P::LIGHTS != 0 && self.shadows.len > 0 {
                         let class = if coherent { RayClass::FirstShadow } else { RayClass::LaterShadow };
@@ -241,12 +256,22 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             accelerator: self.accelerator,
             traversal: self.job.policy.pick(self.accelerator, class),
             paths: &self.paths,
-            range,
+            range: range.clone(),
             hits: &mut self.hits,
             stack: &mut self.stack,
             // Behind the free slots there is room for a number a path.
             order: &mut self.order.list[self.free..],
         });
+        if self.job.plan.requirements().cutouts {
+            isa.run(PassAll {
+                scene: self.job.scene,
+                accelerator: self.accelerator,
+                paths: &self.paths,
+                range,
+                hits: &mut self.hits,
+                stack: &mut self.stack,
+            });
+        }
     }
 
     /// The channels of paths that come from the camera.
@@ -255,6 +280,20 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             let (paths, hits, range) = (&self.paths, &self.hits, self.survivors..self.paths.len);
             isa.run(FirstHits { axis: self.axis, paths, hits, range, table: &mut self.channels });
         }
+    }
+
+    /// The materials of surfaces that are mixtures.
+    fn mixture<I: Isa>(&mut self, isa: I) {
+        isa.run(Mixture::<P::Sampler> {
+            scene: self.job.scene,
+            paths: &self.paths,
+            hits: &mut self.hits,
+            slots: &self.slots,
+            first_sample: &self.first_sample,
+            sampler: PhantomData,
+            // SAFETY: as for `shade`; the plan is the scene's, and has the columns.
+            promise: unsafe { Promise::new() },
+        });
     }
 
     fn material_sort<I: Isa>(&mut self, isa: I) -> Sorted {
@@ -297,11 +336,12 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         self.scattered.len = 0;
     }
 
-    /// The paths of a class, as places in `order.list`, in pieces whose shadow rays fit their queue; and whether the
-    /// pieces hold paths from the camera, whose shadow rays stay together.
+    /// The paths of a class, as places in `order.list`, in pieces whose shadow rays and rows of parameters fit their
+    /// queues; and whether the pieces hold paths from the camera, whose shadow rays stay together.
     fn pieces(
         &self,
         class: MaterialClass,
+        textured: bool,
         sorted: &Sorted,
     ) -> impl Iterator<Item = (Range<usize>, bool)> + use<P, A> {
         let range = sorted.range(list::of(class));
@@ -309,6 +349,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         let list = &self.order.list[range.clone()];
         let middle = range.start + list.partition_point(|&i| (i as usize) < self.survivors);
         let size = if P::LIGHTS != 0 && class.samples_lights() { SHADOW_RAYS } else { usize::MAX };
+        let size = if textured { size.min(PIECE) } else { size };
         [(range.start..middle, false), (middle..range.end, true)].into_iter().flat_map(
             move |(part, coherent)| {
                 let end = part.end;
@@ -317,14 +358,37 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         )
     }
 
-    fn shade<I: Isa>(&mut self, isa: I, class: MaterialClass, piece: Range<usize>) {
+    fn texture<I: Isa>(&mut self, isa: I, piece: Range<usize>) {
+        isa.run(EvaluateTextures {
+            scene: self.job.scene,
+            list: &self.order.list[piece],
+            paths: &self.paths,
+            hits: &self.hits,
+            rows: &mut self.rows,
+            // SAFETY: as for `shade`; pieces are short enough, and the plan has barycentric weights where there are
+            // textures.
+            promise: unsafe { Promise::new() },
+        });
+    }
+
+    fn shade<I: Isa>(&mut self, isa: I, class: MaterialClass, textured: bool, piece: Range<usize>) {
         self.shadows.len = 0;
         // No path is on an absorber: `material_sort` ends them.
-        let _ = class.with(ShadePiece { isa, pool: self, piece });
+        let _ = class.with(ShadePiece { isa, pool: self, textured, piece });
     }
 
     fn light_sample<I: Isa>(&mut self, isa: I, class: RayClass) {
         self.stats.shadow_rays += self.shadows.len as u64;
+        if self.job.plan.requirements().cutouts {
+            isa.run(ShadowsPast {
+                scene: self.job.scene,
+                accelerator: self.accelerator,
+                shadows: &self.shadows,
+                slots: &mut self.slots,
+                stack: &mut self.stack,
+            });
+            return;
+        }
         isa.run(LightSample {
             accelerator: self.accelerator,
             traversal: self.job.policy.pick(self.accelerator, class),
@@ -395,6 +459,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
 struct ShadePiece<'p, 'a, I, P, A> {
     isa: I,
     pool: &'p mut Pool<'a, P, A>,
+    textured: bool,
     piece: Range<usize>,
 }
 
@@ -402,12 +467,13 @@ impl<I: Isa, P: Features, A: Accelerator> ForMaterial for ShadePiece<'_, '_, I, 
     type Output = ();
     #[inline(always)]
     fn run<M: Material>(self) {
-        let ShadePiece { isa, pool, piece } = self;
+        let ShadePiece { isa, pool, textured, piece } = self;
         isa.run(Shade::<M, M::Sees<P>> {
             scene: pool.job.scene,
             list: &pool.order.list[piece],
             paths: &pool.paths,
             hits: &pool.hits,
+            textured: textured.then(|| pool.rows.piece()),
             slots: &mut pool.slots,
             first_sample: &pool.first_sample,
             scattered: &mut pool.scattered,
@@ -415,7 +481,8 @@ impl<I: Isa, P: Features, A: Accelerator> ForMaterial for ShadePiece<'_, '_, I, 
             kernel: PhantomData,
             // SAFETY: the queues are the pool's, whose columns nobody replaces; the lists are those of `material_sort`,
             // made of hits in a tree of this scene (see `Job::new`), and each holds primitives of its class; slots come
-            // from `generate`, with units of the pool; shadow rays fit as `pieces` are short.
+            // from `generate`, with units of the pool; shadow rays fit as `pieces` are short; `texture` wrote the rows of
+            // the piece.
             promise: unsafe { Promise::new() },
         });
     }

@@ -1,6 +1,7 @@
 //! Primitives: triangles, spheres, and the surfaces of [`super::shapes`].
 
 use super::error::{BuildError, exists, finite};
+use super::parametrization::{Opacity, Parametrization, Parametrizations};
 use super::shapes::Quadric;
 
 /// What a [`Geometry`] is made of. Numbers of primitives run over triangles, then spheres, then quadrics.
@@ -22,6 +23,14 @@ pub struct GeometryParts {
     pub quadrics: Vec<Quadric>,
     /// [`PrimitiveTag`](super::PrimitiveTag) of each primitive.
     pub tags: Vec<u32>,
+    /// For textures: the number of each primitive's parametrization, or empty.
+    pub parametrization_of: Vec<u32>,
+    /// Where coordinates of primitives come from.
+    pub parametrizations: Vec<Parametrization>,
+    /// Coordinates of vertices.
+    pub uvs: Vec<[f32; 2]>,
+    /// How much is there of what has a parametrization, or empty: everything.
+    pub opacities: Vec<Option<Opacity>>,
 }
 
 /// All primitives. Their numbers run over triangles, then spheres, then quadrics.
@@ -33,6 +42,7 @@ pub struct Geometry {
     parts: GeometryParts,
     /// Four numbers a primitive, whatever it is. Triangle: its plane. Sphere: centre and signed radius. Quadric: unused.
     surfaces: Vec<[f32; 4]>,
+    parametrizations: Parametrizations,
 }
 
 impl Geometry {
@@ -52,8 +62,17 @@ impl Geometry {
         let length = |of, found, expected| {
             if found != expected { Err(BuildError::Length { of, found, expected }) } else { Ok(()) }
         };
-        let GeometryParts { vertices, triangles, planes, normals, triangle_normals, spheres, quadrics, tags } =
-            &parts;
+        let GeometryParts {
+            vertices,
+            triangles,
+            planes,
+            normals,
+            triangle_normals,
+            spheres,
+            quadrics,
+            tags,
+            ..
+        } = &parts;
         let primitives = triangles.len().saturating_add(spheres.len()).saturating_add(quadrics.len());
         limit("primitives", primitives, Self::MAX_PRIMITIVES)?;
         limit("vertices", vertices.len(), Self::MAX_VERTICES)?;
@@ -88,11 +107,19 @@ impl Geometry {
                 return Err(BuildError::Number { of: "sphere", id, what });
             }
         }
+        let parametrizations = Parametrizations::new(
+            core::mem::take(&mut parts.parametrization_of),
+            &core::mem::take(&mut parts.parametrizations),
+            core::mem::take(&mut parts.uvs),
+            core::mem::take(&mut parts.opacities),
+            &parts.triangles,
+            primitives,
+        )?;
         let mut surfaces = core::mem::take(&mut parts.planes);
         surfaces.reserve_exact(primitives - surfaces.len());
         surfaces.extend(&parts.spheres);
         surfaces.resize(primitives, [0.0; 4]);
-        Ok(Geometry { parts, surfaces })
+        Ok(Geometry { parts, surfaces, parametrizations })
     }
 
     /// World-space vertices.
@@ -112,6 +139,40 @@ impl Geometry {
     #[inline(always)]
     pub(crate) fn triangle_normals(&self) -> &[u32] {
         self.parts.triangle_normals.as_flattened()
+    }
+    /// The same, flat.
+    #[inline(always)]
+    pub(crate) fn corner_numbers(&self) -> &[u32] {
+        self.parts.triangles.as_flattened()
+    }
+    /// Where coordinates of primitives come from.
+    #[inline(always)]
+    pub(super) fn parametrizations(&self) -> &Parametrizations {
+        &self.parametrizations
+    }
+    /// World-space vertices, flat.
+    #[inline(always)]
+    pub(crate) fn coordinates_of_vertices(&self) -> &[f32] {
+        self.parts.vertices.as_flattened()
+    }
+    /// How much is there of what has each parametrization; empty: everything.
+    pub fn opacities(&self) -> &[Option<Opacity>] {
+        self.parametrizations.opacities()
+    }
+    /// The parametrization of a primitive, where coordinates are kept.
+    #[inline(always)]
+    pub(crate) fn parametrization_of(&self, primitive: u32) -> u32 {
+        self.parametrizations.number(primitive)
+    }
+    /// Is a primitive perhaps not everywhere there?
+    #[inline(always)]
+    pub(crate) fn is_cutout(&self, primitive: u32) -> bool {
+        let opacities = self.opacities();
+        !opacities.is_empty() && opacities[self.parametrization_of(primitive) as usize].is_some()
+    }
+    /// Does it keep coordinates for textures?
+    pub fn has_coordinates(&self) -> bool {
+        !self.parametrizations.is_empty()
     }
     /// Vertex normals, three numbers each.
     #[inline(always)]
@@ -172,6 +233,7 @@ impl Geometry {
             + size_of_val(&p.quadrics[..])
             + size_of_val(&self.surfaces[..])
             + size_of_val(&p.tags[..])
+            + self.parametrizations.bytes()
     }
 }
 

@@ -3,7 +3,10 @@
 //! [`scatter`] is the path step at a surface, written once: light sampling, then the next direction. The kernels run
 //! it over index lists at full width, the megakernel one path at a time.
 
+pub mod anisotropic_conductor;
 pub mod bsdf;
+pub mod coated;
+pub mod coated_conductor;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse_transmission;
@@ -12,12 +15,15 @@ pub mod environment;
 pub mod fresnel;
 pub mod lambert;
 pub mod materials;
+pub mod microfacet;
 pub mod mirror;
 pub mod oren_nayar;
 pub mod parameters;
 pub mod rough_conductor;
+pub mod rough_dielectric;
 pub mod surface;
 pub mod thin_dielectric;
+pub mod uber;
 
 use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Mask, Real, Uint};
@@ -25,7 +31,9 @@ use crate::math::{Frame, Rgb, Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable, list_lanes};
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
 use crate::scene::lights::{LightKinds, sample};
-use crate::scene::{PrimitiveTag, Scene};
+use crate::scene::parametrization::tangents;
+use crate::scene::{Geometry, PrimitiveTag, Scene};
+use crate::texture::TexturedPiece;
 use bsdf::Bsdf;
 use core::marker::PhantomData;
 use materials::Material;
@@ -52,6 +60,9 @@ pub trait Features: Copy + Send + Sync + 'static {
 pub struct Vertex<F: Real> {
     /// Where.
     pub surface: Surface<F>,
+    /// How the point changes with the coordinate u: looked at by anisotropic lobes only. Of any length, 0 where there is
+    /// no such direction.
+    pub tangent: Vec3<F>,
     /// Direction of the ray that came here.
     pub direction: Vec3<F>,
     /// Throughput so far.
@@ -111,7 +122,8 @@ pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
     } else {
         surface.shading_normal.xor_sign(surface.shading_normal.dot(wo))
     };
-    let frame = Frame::from_normal(normal);
+    let frame =
+        if B::ANISOTROPIC { Frame::along(normal, vertex.tangent) } else { Frame::from_normal(normal) };
     let wo_local = frame.to_local(wo);
 
     let shadow = if P::LIGHTS != 0 && !B::SPECULAR && !scene.lights().is_empty() {
@@ -189,6 +201,30 @@ fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
     }
 }
 
+/// How the point of a primitive changes with its coordinate u, in lanes whose lobes care; 0 in others, and where the scene
+/// keeps no coordinates.
+///
+/// # Safety
+/// Every lane of `primitive` is below `geometry.primitives()`.
+#[inline(always)]
+pub unsafe fn tangent<F: Real, B: Bsdf<F>>(
+    geometry: &Geometry,
+    primitive: F::Uint,
+    surface: &Surface<F>,
+    bsdf: &B,
+) -> Vec3<F> {
+    if !B::ANISOTROPIC || !geometry.has_coordinates() {
+        return Vec3::zero();
+    }
+    let stretched = bsdf.stretched();
+    if !stretched.any() {
+        return Vec3::zero();
+    }
+    // SAFETY: the caller's promise; there are coordinates.
+    let u = unsafe { tangents(geometry, primitive, surface) }.u;
+    Vec3::select(stretched, u, Vec3::zero())
+}
+
 /// The row of the material of a primitive with this tag.
 ///
 /// # Safety
@@ -209,8 +245,9 @@ pub unsafe fn material_of<U: Uint>(scene: &Scene, tag: U) -> U {
 /// The kernel: scatters the paths of one class.
 ///
 /// Promise: the queues are as long as their `new` made them; `list` holds places of `paths`, each of which has a hit on a
-/// primitive of the scene whose tag is of the class `M`; their slots are below the capacity of `slots`, and hold places
-/// of units that have an entry in `first_sample`; if `P` samples lights, `shadows` has room for the list.
+/// primitive of the scene whose tag is of the class `M` (in scenes with mixtures the material of the hit is); their slots
+/// are below the capacity of `slots`, and hold places of units that have an entry in `first_sample`; if `P` samples lights,
+/// `shadows` has room for the list; textured rows are those of the list, and a vector's more.
 pub struct Shade<'a, M, P> {
     /// Scene.
     pub scene: &'a Scene,
@@ -220,6 +257,8 @@ pub struct Shade<'a, M, P> {
     pub paths: &'a PathQueue,
     /// Where they arrive.
     pub hits: &'a HitQueue,
+    /// Rows of parameters in the order of `list`, from the stage `texture`; none where the rows of the materials do.
+    pub textured: Option<TexturedPiece<'a>>,
     /// Random streams; the radiance scaling of refraction is kept there.
     pub slots: &'a mut SlotTable,
     /// Index of the first sample of each work unit.
@@ -243,6 +282,7 @@ impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
             self.list,
             self.paths,
             self.hits,
+            self.textured,
             self.slots,
             self.first_sample,
             self.scattered,
@@ -251,6 +291,9 @@ impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
     }
 }
 
+/// Numbers of lanes.
+const LANES: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
 fn shade<F: Real, M: Material, P: Features>(
@@ -258,6 +301,7 @@ fn shade<F: Real, M: Material, P: Features>(
     list: &[u32],
     paths: &PathQueue,
     hits: &HitQueue,
+    textured: Option<TexturedPiece>,
     slots: &mut SlotTable,
     first_sample: &[u32],
     scattered: &mut PathQueue,
@@ -277,7 +321,7 @@ fn shade<F: Real, M: Material, P: Features>(
             let primitive = F::Uint::gather(&hits.primitive, place);
             let direction =
                 Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z));
-            let surface = Surface::new(
+            let mut surface = Surface::new(
                 scene.geometry(),
                 primitive,
                 Vec3::new(real(&paths.origin_x), real(&paths.origin_y), real(&paths.origin_z)),
@@ -285,21 +329,43 @@ fn shade<F: Real, M: Material, P: Features>(
                 real(&hits.t),
                 || (real(&hits.u), real(&hits.v)),
             );
-            let tag = F::Uint::gather(scene.geometry().tags(), primitive);
-            let material = material_of(scene, tag);
+            if let Some([x, y, z]) = textured.and_then(|piece| piece.normals) {
+                surface.shading_normal = Vec3::new(F::load(x, at), F::load(y, at), F::load(z, at));
+            }
+            // Where there are mixtures, the hits know what was chosen.
+            let mixes = !hits.material.is_empty();
+            let parameters = match textured {
+                None if mixes => {
+                    let row = F::Uint::gather(&hits.material, place) & F::Uint::splat(PrimitiveTag::ID_MASK);
+                    scene.materials().evaluate::<M, F>(row)
+                }
+                None => {
+                    let tag = F::Uint::gather(scene.geometry().tags(), primitive);
+                    scene.materials().evaluate::<M, F>(material_of(scene, tag))
+                }
+                Some(TexturedPiece { rows, .. }) => {
+                    let row = F::Uint::splat(at as u32) + F::Uint::load(&LANES, 0);
+                    M::evaluate::<F>(rows, row * F::Uint::splat(M::WIDTH as u32))
+                }
+            };
+            let throughput =
+                Rgb::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
+            let throughput = if mixes {
+                throughput * Rgb::new(real(&hits.weight_r), real(&hits.weight_g), real(&hits.weight_b))
+            } else {
+                throughput
+            };
+            let bsdf = M::bsdf(parameters);
             let vertex = Vertex {
                 surface,
+                tangent: tangent(scene.geometry(), primitive, &surface, &bsdf),
                 direction,
-                throughput: Rgb::new(
-                    real(&paths.throughput_r),
-                    real(&paths.throughput_g),
-                    real(&paths.throughput_b),
-                ),
+                throughput,
                 eta_scale: if scales { F::gather(&slots.eta_scale, slot) } else { F::one() },
                 stream: slots.stream(first_sample, slot),
                 depth: slot_depth.shr::<SLOT_BITS>(),
             };
-            (vertex, M::bsdf(scene.materials().evaluate::<M, F>(material)), slot)
+            (vertex, bsdf, slot)
         };
         let out = scatter::<F, M::Bsdf<F>, P>(scene, &vertex, &bsdf);
 
