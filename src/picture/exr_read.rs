@@ -16,6 +16,7 @@ use exr::meta::attribute::{AttributeValue, Compression, SampleType, Text};
 use exr::meta::header::Header;
 use exr::prelude::f16;
 
+use super::raster::{Raster, RasterSamples};
 use super::{Channel, DataWindow, Image, MAX_PIXELS, Metadata, REPORT_ATTRIBUTE, Samples};
 use crate::contain_panics::contain_panics;
 
@@ -41,7 +42,10 @@ pub(super) fn decode(file: impl Read + Seek, length: u64, layers: bool) -> Resul
         return Err(too_large(&header));
     }
     let mut target = Target::new(&header, &source, size as usize, layers);
-    read_blocks(reader, &header, &source, &mut target)?;
+    let layout = RowLayout::new(&header, &source);
+    read_blocks(reader, &header, &source, |block| {
+        copy_block(block, &layout, header.layer_size, &mut target)
+    })?;
     let Target { pixels, others } = target;
     Ok(Image {
         width: to_u32(header.layer_size.width())?,
@@ -51,6 +55,61 @@ pub(super) fn decode(file: impl Read + Seek, length: u64, layers: bool) -> Resul
         channels: others.into_iter().map(|(_, channel)| channel).collect(),
         metadata: metadata(&header),
     })
+}
+
+/// Decodes an OpenEXR file of `length` bytes as it is stored: a grey or red, green and blue, with the alpha of the same
+/// layer if there is one; half where all of them are.
+pub(super) fn decode_raster(file: impl Read + Seek, length: u64) -> Result<Raster, String> {
+    let reader = block::read(file, false).map_err(explain)?;
+    let source = choose_channels(reader.headers())?;
+    for header in reader.headers() {
+        check_plausible(header, length)?;
+    }
+    let header = reader.headers()[source.part].clone();
+    let (width, height) = (to_u32(header.layer_size.width())?, to_u32(header.layer_size.height())?);
+    let [red, green, _] = source.channels;
+    let mut channels = if red == green { vec![red] } else { source.channels.to_vec() };
+    channels.extend(alpha_beside(&header, red).filter(|_| red != green));
+    let count = channels.len();
+    let size = width as usize * height as usize * count;
+    let list = &header.channels.list;
+    let half = channels.iter().all(|&channel| list[channel].sample_type == SampleType::F16);
+    let (mut halves, mut floats) =
+        (vec![f16::ZERO; if half { size } else { 0 }], vec![0.0; if half { 0 } else { size }]);
+    let layout = RowLayout::new(&header, &source);
+    read_blocks(reader, &header, &source, |block| {
+        for_rows(block, &layout, header.layer_size, |start, width, bytes| {
+            for (component, &channel) in channels.iter().enumerate() {
+                let (before, sample_type) = layout.channels[channel];
+                let bytes = &bytes[before * width..];
+                let range = start * count..(start + width) * count;
+                if half {
+                    let targets = halves[range].iter_mut().skip(component).step_by(count);
+                    for (target, &bytes) in targets.zip(bytes.as_chunks::<2>().0) {
+                        *target = f16::from_ne_bytes(bytes);
+                    }
+                } else {
+                    let targets = floats[range].iter_mut().skip(component).step_by(count);
+                    copy_samples(bytes, sample_type, targets);
+                }
+            }
+        })
+    })?;
+    let count = count as u8;
+    if half {
+        Raster::new(width, height, count, RasterSamples::Halves(halves))
+            .ok_or_else(|| "it has no pixels".into())
+    } else {
+        Ok(Raster::of_floats(width, height, count, floats))
+    }
+}
+
+/// The alpha channel of the layer that holds channel `red`.
+fn alpha_beside(header: &Header, red: usize) -> Option<usize> {
+    let list = &header.channels.list;
+    let name = list[red].name.to_string();
+    let layer = &name[..name.len() - 1];
+    list.iter().position(|channel| channel.name.to_string().eq_ignore_ascii_case(&format!("{layer}A")))
 }
 
 /// What is read into.
@@ -161,20 +220,19 @@ fn too_large(header: &Header) -> String {
     format!("its size of {width} x {height} is beyond the limit of {MAX_PIXELS} pixels")
 }
 
-/// Reads all blocks of the largest level into `pixels`; every pixel must come exactly once.
+/// Hands out all blocks of the largest level; every pixel must come exactly once.
 fn read_blocks<R: Read + Seek>(
     reader: Reader<R>,
     header: &Header,
     source: &ColourChannels,
-    target: &mut Target,
+    mut copy: impl FnMut(&UncompressedBlock) -> Result<(), String>,
 ) -> Result<(), String> {
     let wanted = |level: Vec2<usize>| level == Vec2(0, 0);
     let chunks = reader
         .filter_chunks(false, |_, tile, block| block.layer == source.part && wanted(tile.level_index))
         .map_err(explain)?;
-    let layout = RowLayout::new(header, source);
     let mut seen = HashSet::new();
-    let mut missing = target.pixels.len();
+    let mut missing = header.layer_size.area();
     for block in chunks.sequential_decompressor(false) {
         let block = block.map_err(explain)?;
         let position = block.index.pixel_position;
@@ -182,7 +240,7 @@ fn read_blocks<R: Read + Seek>(
         if !fresh || block.index.layer != source.part || !wanted(block.index.level) {
             return Err("it is damaged: a block of pixels is stored where another belongs".into());
         }
-        copy_block(&block, &layout, header.layer_size, target)?;
+        copy(&block)?;
         missing = missing.saturating_sub(block.index.pixel_size.area());
     }
     if missing > 0 { Err("it is incomplete".into()) } else { Ok(()) }
@@ -210,11 +268,12 @@ impl RowLayout {
     }
 }
 
-fn copy_block(
+/// Hands out the rows of a block: place of the first pixel in the picture, how many, and their bytes.
+fn for_rows(
     block: &UncompressedBlock,
     layout: &RowLayout,
     size: Vec2<usize>,
-    into: &mut Target,
+    mut copy: impl FnMut(usize, usize, &[u8]),
 ) -> Result<(), String> {
     let (Vec2(x, y), Vec2(width, height)) = (block.index.pixel_position, block.index.pixel_size);
     let row_bytes = width * layout.bytes_per_pixel;
@@ -223,7 +282,18 @@ fn copy_block(
         return Err("it is damaged: a block of pixels has the wrong size".into());
     }
     for (row, bytes) in block.data.chunks_exact(row_bytes).enumerate() {
-        let start = (y + row) * size.width() + x;
+        copy((y + row) * size.width() + x, width, bytes);
+    }
+    Ok(())
+}
+
+fn copy_block(
+    block: &UncompressedBlock,
+    layout: &RowLayout,
+    size: Vec2<usize>,
+    into: &mut Target,
+) -> Result<(), String> {
+    for_rows(block, layout, size, |start, width, bytes| {
         let samples = |channel: usize| {
             let (before, sample_type) = layout.channels[channel];
             (&bytes[before * width..], sample_type)
@@ -248,8 +318,7 @@ fn copy_block(
                 }
             }
         }
-    }
-    Ok(())
+    })
 }
 
 /// Converts the first samples of `bytes`, in the machine's byte order, one for each target.

@@ -2,7 +2,8 @@
 
 use std::io::{BufRead, Read};
 
-use super::{Image, MAX_PIXELS};
+use super::check_size;
+use super::raster::Raster;
 
 /// First bytes of every file.
 pub(super) const MAGIC: [u8; 2] = *b"#?";
@@ -14,7 +15,7 @@ const MOST_LINE: u64 = 4096;
 const MOST_LINES: usize = 10_000;
 
 /// Reads a file of `length` bytes.
-pub(super) fn decode(mut file: impl BufRead, length: u64) -> Result<Image, String> {
+pub(super) fn decode(mut file: impl BufRead, length: u64) -> Result<Raster, String> {
     let (mut exposure, mut lines) = (1.0, 0);
     loop {
         let line = line(&mut file)?;
@@ -48,23 +49,16 @@ pub(super) fn decode(mut file: impl BufRead, length: u64) -> Result<Image, Strin
     let (Some(width), Some(height)) = (side(width), side(height)) else {
         return Err(format!("its resolution is \"{resolution}\"; expected -Y HEIGHT +X WIDTH"));
     };
-    let pixels = u64::from(width) * u64::from(height);
-    if pixels > MAX_PIXELS {
-        return Err(format!("its size of {width} x {height} is beyond the limit of {MAX_PIXELS} pixels"));
-    }
     // Runs of at most 127 samples in two bytes, four samples a pixel.
-    if pixels / 16 > length {
-        return Err(format!(
-            "it is truncated or damaged: {width} x {height} pixels cannot be in {length} bytes"
-        ));
-    }
-    let mut image = Vec::with_capacity(pixels as usize);
+    check_size(width.into(), height.into(), length, 16)?;
+    let pixels = width as usize * height as usize;
+    let mut samples = Vec::with_capacity(pixels * 3);
     let mut row = vec![[0; 4]; width as usize];
     for _ in 0..height {
         read_row(&mut file, &mut row)?;
-        image.extend(row.iter().map(|&rgbe| colour(rgbe, exposure)));
+        samples.extend(row.iter().flat_map(|&rgbe| colour(rgbe, exposure)));
     }
-    Ok(Image::new(width, height, image))
+    Ok(Raster::of_floats(width, height, 3, samples))
 }
 
 fn line(file: &mut impl BufRead) -> Result<String, String> {
@@ -151,10 +145,12 @@ fn read_old_row(file: &mut impl Read, row: &mut [[u8; 4]], first: [u8; 4]) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::picture::{Image, Transfer};
 
     fn decode_bytes(header: &str, body: &[u8]) -> Result<Image, String> {
         let bytes = [header.as_bytes(), body].concat();
-        decode(std::io::Cursor::new(&bytes), bytes.len() as u64)
+        let raster = decode(std::io::Cursor::new(&bytes), bytes.len() as u64)?;
+        raster.into_image(Transfer::Linear)
     }
 
     const HEADER: &str = "#?RADIANCE\n# made by a test\nFORMAT=32-bit_rle_rgbe\n\n";

@@ -1,4 +1,5 @@
-//! Pictures in memory and in files: OpenEXR for results, PNG for looking at; Radiance HDR is read.
+//! Pictures in memory and in files: OpenEXR for results, PNG for looking at; Radiance HDR, PFM, JPEG and TGA are read.
+//! A [`Raster`] is a picture as its file has it, for textures and lights.
 //!
 //! ```
 //! use wavepath::picture::{Image, ImageFormat};
@@ -12,7 +13,9 @@
 mod exr_read;
 mod exr_write;
 mod hdr_read;
+mod pfm_read;
 mod png;
+mod raster;
 mod tonemap;
 
 use std::fmt;
@@ -27,6 +30,7 @@ use crate::contain_panics::contain_panics;
 
 pub use exr_write::Compression;
 pub use png::{linear_to_srgb, srgb_to_linear, to_srgb8};
+pub use raster::{Raster, RasterSamples, Transfer};
 pub use tonemap::Tonemap;
 
 /// Most pixels that a picture may have, in memory or in a file's header: 2^28.
@@ -290,8 +294,8 @@ pub fn read_layers(path: &Path) -> Result<Image, ImageError> {
     read_as(path, &Kind::ALL, true)
 }
 
-/// As [`read`], also PNG (8 and 16 bits, as linear light, without alpha) and Radiance HDR. What a file holds decides,
-/// not its name.
+/// As [`read`], also PNG (8 and 16 bits, as linear light, without alpha), Radiance HDR, PFM, JPEG and TGA (both taken for
+/// sRGB). What a file holds decides, not its name; but a TGA is known by its name only, having no mark of its own.
 ///
 /// # Errors
 /// As [`read`].
@@ -316,19 +320,36 @@ enum Kind {
     Exr,
     Png,
     Hdr,
+    Pfm,
+    Jpeg,
+    /// Without a mark: known by the name.
+    Tga,
 }
 
 impl Kind {
-    const ALL: [Kind; 3] = [Kind::Exr, Kind::Png, Kind::Hdr];
+    const ALL: [Kind; 6] = [Kind::Exr, Kind::Png, Kind::Hdr, Kind::Pfm, Kind::Jpeg, Kind::Tga];
 
-    fn of(start: &[u8]) -> Option<Kind> {
-        let magics: [(&[u8], Kind); 3] =
-            [(&exr_read::MAGIC, Kind::Exr), (b"\x89PNG", Kind::Png), (&hdr_read::MAGIC, Kind::Hdr)];
-        magics.into_iter().find(|(magic, _)| start.starts_with(magic)).map(|(_, kind)| kind)
+    fn of(start: &[u8], path: &Path) -> Option<Kind> {
+        let magics: [(&[u8], Kind); 6] = [
+            (&exr_read::MAGIC, Kind::Exr),
+            (b"\x89PNG", Kind::Png),
+            (&hdr_read::MAGIC, Kind::Hdr),
+            (b"PF", Kind::Pfm),
+            (b"Pf", Kind::Pfm),
+            (b"\xff\xd8\xff", Kind::Jpeg),
+        ];
+        let marked = magics.into_iter().find(|(magic, _)| start.starts_with(magic)).map(|(_, kind)| kind);
+        let tga = || path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("tga"));
+        marked.or_else(|| tga().then_some(Kind::Tga))
     }
 }
 
-fn read_as(path: &Path, kinds: &[Kind], layers: bool) -> Result<Image, ImageError> {
+/// Opens a file that is one of some formats, hands it to its decoder, with its length, and explains what goes wrong.
+fn decode_file<T>(
+    path: &Path,
+    kinds: &[Kind],
+    decode: impl FnOnce(Kind, BufReader<File>, u64) -> Result<T, String>,
+) -> Result<T, ImageError> {
     let read = || {
         let mut file = File::open(path).map_err(|error| error.to_string())?;
         let metadata = file.metadata().map_err(|error| error.to_string())?;
@@ -338,22 +359,45 @@ fn read_as(path: &Path, kinds: &[Kind], layers: bool) -> Result<Image, ImageErro
         let mut start = Vec::new();
         let mut head = (&mut file).take(4);
         head.read_to_end(&mut start).map_err(|error| error.to_string())?;
-        let kind = Kind::of(&start).filter(|kind| kinds.contains(kind));
+        let kind = Kind::of(&start, path).filter(|kind| kinds.contains(kind));
         let Some(kind) = kind else {
-            let others = if kinds.len() > 1 { ", PNG or Radiance HDR" } else { "" };
+            let others = if kinds.len() > 1 { ", PNG, Radiance HDR, PFM, JPEG or TGA" } else { "" };
             return Err(format!("it is not an OpenEXR{others} file"));
         };
         file.rewind().map_err(|error| error.to_string())?;
-        let (file, length) = (BufReader::new(file), metadata.len());
         // The decoders of others index and subtract on what a damaged file says.
-        contain_panics(|| match kind {
-            Kind::Exr => exr_read::decode(file, length, layers),
-            Kind::Png => png::decode(file, length),
-            Kind::Hdr => hdr_read::decode(file, length),
-        })
-        .unwrap_or_else(|| Err("its data are damaged".into()))
+        contain_panics(|| decode(kind, BufReader::new(file), metadata.len()))
+            .unwrap_or_else(|| Err("its data are damaged".into()))
     };
     read().map_err(|reason: String| ImageError::Read { path: path.into(), reason })
+}
+
+fn read_as(path: &Path, kinds: &[Kind], layers: bool) -> Result<Image, ImageError> {
+    decode_file(path, kinds, |kind, file, length| match kind {
+        Kind::Exr => exr_read::decode(file, length, layers),
+        Kind::Png => png::decode(file, length),
+        Kind::Hdr | Kind::Pfm | Kind::Jpeg | Kind::Tga => {
+            Raster::decode(kind, file, length)?.into_image(Transfer::Srgb)
+        }
+    })
+}
+
+/// Refuses a size that a header states, but no picture has or no file of `length` bytes can hold, of which each makes
+/// `most` pixels at most.
+fn check_size(width: u64, height: u64, length: u64, most: u64) -> Result<(), String> {
+    if width == 0 || height == 0 {
+        return Err("it has no pixels".into());
+    }
+    let pixels = width.saturating_mul(height);
+    if pixels > MAX_PIXELS {
+        return Err(format!("its size of {width} x {height} is beyond the limit of {MAX_PIXELS} pixels"));
+    }
+    if pixels / most > length {
+        return Err(format!(
+            "it is truncated or damaged: {width} x {height} pixels cannot be in {length} bytes"
+        ));
+    }
+    Ok(())
 }
 
 /// Writes `image` to `path`, in the format of its ending; the file appears whole or not at all.

@@ -5,7 +5,8 @@ use std::io::{BufRead, Seek};
 use png::{BitDepth, ColorType, Decoder, Limits, SrgbRenderingIntent, Transformations};
 
 use super::exr_write::escape_non_ascii;
-use super::{DataWindow, EncodeError, Encoding, Image, MAX_PIXELS, Metadata, REPORT_ATTRIBUTE};
+use super::raster::{Raster, RasterSamples, Transfer, drop_grey_alpha, without_grey_alpha};
+use super::{DataWindow, EncodeError, Encoding, Image, Metadata, REPORT_ATTRIBUTE, check_size};
 use crate::atomic_file::WriteSeek;
 
 /// What stands for a pixel with a NaN in it: magenta, which no lit scene shows by chance.
@@ -79,6 +80,28 @@ pub(super) fn encode(
 
 /// Reads a PNG file of `length` bytes as linear light; an alpha channel is left out.
 pub(super) fn decode(file: impl BufRead + Seek, length: u64) -> Result<Image, String> {
+    let Decoded { raster, gamma, window, metadata } = decode_raster(file, length)?;
+    let transfer = match gamma {
+        // What is nearly sRGB's average is meant to be sRGB.
+        Some(gamma) if (gamma - 1.0 / 2.2).abs() > 0.01 && gamma > 0.0 => Transfer::Gamma(1.0 / gamma),
+        _ => Transfer::Srgb,
+    };
+    let image = raster.into_image(transfer)?;
+    Ok(Image { window: window.unwrap_or(image.window), metadata, ..image })
+}
+
+/// What a PNG file holds.
+pub(super) struct Decoded {
+    pub(super) raster: Raster,
+    /// Its chunk `gAMA`, where there is no chunk `sRGB`.
+    gamma: Option<f64>,
+    window: Option<DataWindow>,
+    metadata: Metadata,
+}
+
+/// Reads a PNG file of `length` bytes as it is stored, but for palettes and depths below 8 bits, which are spread out. Of
+/// grey with alpha the alpha is left out.
+pub(super) fn decode_raster(file: impl BufRead + Seek, length: u64) -> Result<Decoded, String> {
     let explain = |error: png::DecodingError| match error {
         png::DecodingError::IoError(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
             "it is truncated".to_string()
@@ -91,45 +114,28 @@ pub(super) fn decode(file: impl BufRead + Seek, length: u64) -> Result<Image, St
     let mut reader = decoder.read_info().map_err(explain)?;
     let info = reader.info();
     let (width, height) = (info.width, info.height);
-    let pixels = u64::from(width) * u64::from(height);
-    if pixels > MAX_PIXELS {
-        return Err(format!("its size of {width} x {height} is beyond the limit of {MAX_PIXELS} pixels"));
-    }
-    // Deflate makes at most 1032 bytes of one.
-    if pixels / 8 / 1040 > length {
-        return Err(format!(
-            "it is truncated or damaged: {width} x {height} pixels cannot be in {length} bytes"
-        ));
-    }
+    // Deflate makes at most 1032 bytes of one, a byte at most 8 pixels.
+    check_size(width.into(), height.into(), length, 8 * 1040)?;
     let gamma = info.gama_chunk.filter(|_| info.srgb.is_none()).map(|gamma| f64::from(gamma.into_value()));
     let metadata = metadata(info);
-    let window = window(info).unwrap_or(DataWindow { x: 0, y: 0, full_width: width, full_height: height });
+    let window = window(info);
     let size = reader.output_buffer_size().ok_or("its size is out of range")?;
     let mut bytes = vec![0; size];
     let frame = reader.next_frame(&mut bytes).map_err(explain)?;
-    let linear = |value: f64| match gamma {
-        // What is nearly sRGB's average is meant to be sRGB.
-        Some(gamma) if (gamma - 1.0 / 2.2).abs() > 0.01 && gamma > 0.0 => value.powf(1.0 / gamma) as f32,
-        _ => srgb_to_linear(value) as f32,
-    };
+    bytes.truncate(frame.buffer_size());
     let channels = frame.color_type.samples();
-    let samples: Vec<f32> = match frame.bit_depth {
+    let raster = match frame.bit_depth {
         BitDepth::Sixteen => {
-            let wide = bytes.as_chunks::<2>().0.iter().map(|&pair| u16::from_be_bytes(pair));
-            wide.map(|sample| linear(f64::from(sample) / 65535.0)).collect()
+            let words = bytes.as_chunks::<2>().0.iter().map(|&pair| u16::from_be_bytes(pair)).collect();
+            let words = RasterSamples::Words(drop_grey_alpha(words, channels));
+            Raster::new(width, height, without_grey_alpha(channels), words)
         }
         _ => {
-            let table: [f32; 256] = std::array::from_fn(|sample| linear(sample as f64 / 255.0));
-            bytes.iter().map(|&sample| table[sample as usize]).collect()
+            let bytes = RasterSamples::Bytes(drop_grey_alpha(bytes, channels));
+            Raster::new(width, height, without_grey_alpha(channels), bytes)
         }
     };
-    let colour =
-        |sample: &[f32]| if channels < 3 { [sample[0]; 3] } else { [sample[0], sample[1], sample[2]] };
-    let pixels: Vec<[f32; 3]> = samples.chunks_exact(channels).map(colour).collect();
-    if pixels.len() as u64 != u64::from(width) * u64::from(height) {
-        return Err("it is incomplete".into());
-    }
-    Ok(Image { window, metadata, ..Image::new(width, height, pixels) })
+    Ok(Decoded { raster: raster.ok_or("it is incomplete")?, gamma, window, metadata })
 }
 
 fn text<'a>(info: &'a png::Info, keyword: &str) -> Option<&'a str> {
