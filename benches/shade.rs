@@ -54,6 +54,7 @@ fn scatter<M: Material, P: Features>(c: &mut Criterion, loaded: &Loaded) {
                             list: piece,
                             paths: &round.paths,
                             hits: &round.hits,
+                            textured: None,
                             slots,
                             first_sample: &round.first_sample,
                             scattered,

@@ -771,11 +771,21 @@ const BROKEN: &[(&str, u32, u32, &str)] = &[
     ),
     ("WorldBegin Material \"diffuse\" \"texture reflectance\" \"x\"", 1, 53, "unknown spectrum texture"),
     (
-        "WorldBegin Texture \"t\" \"spectrum\" \"imagemap\"\nMaterial \"diffuse\" \"texture reflectance\" \"t\" Shape \"disk\"",
+        "WorldBegin Texture \"t\" \"spectrum\" \"ptex\"\nMaterial \"diffuse\" \"texture reflectance\" \"t\" Shape \"disk\"",
         2,
         42,
-        "\"imagemap\" are not supported",
+        "\"ptex\" are not supported",
     ),
+    ("WorldBegin Texture \"t\" \"spectrum\" \"imagemap\"", 1, 35, "without a file"),
+    (
+        "WorldBegin Texture \"t\" \"float\" \"imagemap\" \"string filename\" \"no.png\"\nMaterial \"diffuse\" \"texture sigma\" \"t\" Shape \"disk\"",
+        1,
+        62,
+        "no picture \"no.png\"",
+    ),
+    ("WorldBegin Texture \"t\" \"float\" \"dots\" \"string mapping\" \"uw\"", 1, 56, "expected one of uv"),
+    ("WorldBegin Texture \"t\" \"float\" \"checkerboard\" \"integer dimension\" 4", 1, 68, "expected 2 or 3"),
+    ("WorldBegin Scale 1 0 1 Texture \"t\" \"float\" \"fbm\"", 1, 43, "cannot be inverted"),
     ("WorldBegin Texture \"t\" \"spectrum\" \"imagmap\"", 1, 35, "did you mean \"imagemap\""),
     ("WorldBegin NamedMaterial \"m\" Shape \"sphere\"", 1, 26, "unknown material \"m\""),
     ("WorldBegin MakeNamedMaterial \"m\"", 1, 30, "string type"),
@@ -976,7 +986,7 @@ fn messages(loaded: &Loaded) -> Vec<&str> {
 
 #[test]
 fn a_scene_says_all_that_it_lacks_and_only_what_it_uses() {
-    let unused = "Texture \"a\" \"spectrum\" \"checkerboard\"\n\
+    let unused = "Texture \"a\" \"spectrum\" \"ptex\"\n\
         Texture \"b\" \"spectrum\" \"scale\" \"texture tex\" \"a\" \"float scale\" .5\n\
         Texture \"c\" \"spectrum\" \"mix\" \"texture tex1\" \"b\" \"rgb tex2\" [ 1 0 0 ] \"float amount\" .5\n\
         MakeNamedMaterial \"m\" \"string type\" \"coateddiffuse\"\n\
@@ -1003,7 +1013,7 @@ fn a_scene_says_all_that_it_lacks_and_only_what_it_uses() {
         "participating media",
         "environment maps",
         "\"normalmap\"",
-        "class \"checkerboard\"",
+        "class \"ptex\"",
         "material \"coateddiffuse\"",
     ];
     for lack in lacks {
@@ -1022,7 +1032,7 @@ fn lenient_reading_replaces_what_is_lacking_and_says_so() {
         "main.pbrt",
         "Film \"rgb\" PixelFilter \"sinc\" WorldBegin LightSource \"infinite\" \"string filename\" \"sky.exr\"\n\
          Material \"coateddiffuse\" \"rgb reflectance\" [ .1 .2 .3 ] Shape \"sphere\" Shape \"cone\"\n\
-         Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"t.png\"\n\
+         Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"t.png\" Texture \"u\" \"spectrum\" \"ptex\"\n\
          Material \"diffuse\" \"texture reflectance\" \"t\" Shape \"disk\"",
     );
     assert_eq!(pbrt::load(&main).unwrap_err().others.len(), 4);

@@ -13,6 +13,7 @@
 //! | [`intersect`] | stage: closest hits |
 //! | [`material_sort`] | stage: index lists by material |
 //! | [`mod@shade`] | stage: one kernel a material; light that paths find by themselves |
+//! | [`mod@texture`] | stage: parameters of materials that are not the same everywhere |
 //! | [`light_sample`] | stage: rays towards lights |
 //! | [`roulette_compact`] | stage: Russian roulette, compaction |
 //!
@@ -36,3 +37,4 @@ pub mod roulette_compact;
 pub mod sampler;
 pub mod scene;
 pub mod shade;
+pub mod texture;

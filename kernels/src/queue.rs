@@ -19,8 +19,8 @@ pub enum Needs {
     Always,
     /// In scenes where light crosses the surface of a dielectric.
     Transmission,
-    /// In scenes with vertex normals.
-    SmoothNormals,
+    /// In scenes with vertex normals, or textures.
+    Barycentric,
     /// In scenes with lights to sample.
     LightSampling,
     /// With a reconstruction filter that has negative lobes.
@@ -34,8 +34,10 @@ pub enum Needs {
 pub struct Requirements {
     /// See [`Needs::Transmission`].
     pub transmission: bool,
-    /// See [`Needs::SmoothNormals`].
+    /// There are vertex normals.
     pub smooth_normals: bool,
+    /// There are textures.
+    pub textures: bool,
     /// See [`Needs::LightSampling`].
     pub light_sampling: bool,
     /// See [`Needs::FilterWeights`].
@@ -52,7 +54,7 @@ impl Requirements {
         match need {
             Needs::Always => true,
             Needs::Transmission => self.transmission,
-            Needs::SmoothNormals => self.smooth_normals,
+            Needs::Barycentric => self.smooth_normals || self.textures,
             Needs::LightSampling => self.light_sampling,
             Needs::FilterWeights => self.filter_weights,
             Needs::Instances => self.instances,
@@ -144,8 +146,8 @@ queues! {
     HitQueue "hit" {
         t: f32, Always, "distance along the ray";
         primitive: u32, Always, "primitive, or none";
-        u: f32, SmoothNormals, "barycentric weight of the second corner";
-        v: f32, SmoothNormals, "barycentric weight of the third corner";
+        u: f32, Barycentric, "barycentric weight of the second corner";
+        v: f32, Barycentric, "barycentric weight of the third corner";
         instance: u32, Instances, "instance that the primitive is a part of";
     }
     /// What stays in place while a path lives, by slot.

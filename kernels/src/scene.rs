@@ -6,6 +6,7 @@ mod error;
 mod filter;
 mod geometry;
 pub mod lights;
+pub(crate) mod parametrization;
 pub(crate) mod rows;
 pub mod shapes;
 
@@ -13,13 +14,16 @@ pub use camera::{Camera, CameraParts, Lens};
 pub use error::BuildError;
 pub use filter::{Filter, FilterAxis};
 pub use geometry::{Geometry, GeometryParts};
+pub use parametrization::{Along, Parametrization};
 pub use rows::NoRow;
 
 pub use crate::shade::materials::{MaterialClass, MaterialHandle, MaterialTable};
 
 use crate::queue::MAX_DEPTH;
 use core::sync::atomic::{AtomicU64, Ordering};
-use error::{exists, not_negative};
+use crate::texture::{Programs, TextureTable};
+pub(crate) use error::{exists, finite};
+use error::not_negative;
 
 /// What a primitive is made of, in 32 bits: class (6 bits), emitting or not (1 bit), and the number of its light if it
 /// emits, the row of its material otherwise (25 bits).
@@ -78,6 +82,8 @@ pub struct SceneParts {
     pub geometry: Geometry,
     /// Material parameters.
     pub materials: MaterialTable,
+    /// What parameters of materials refer to.
+    pub textures: TextureTable,
     /// Lights with a place, and emitting surfaces.
     pub lights: lights::LightTable,
     /// Radiance of the sky, the same in all directions.
@@ -90,6 +96,7 @@ pub struct SceneParts {
 #[derive(Clone, Debug)]
 pub struct Scene {
     parts: SceneParts,
+    programs: Programs,
     id: SceneId,
 }
 
@@ -133,7 +140,8 @@ impl Scene {
             let (found, limit) = (parts.max_depth as usize, MAX_DEPTH as usize);
             return Err(BuildError::TooMany { what: "bounces", found, limit });
         }
-        Ok(Scene { parts, id: SceneId(NEXT.fetch_add(1, Ordering::Relaxed)) })
+        let programs = Programs::new(materials, &parts.textures)?;
+        Ok(Scene { parts, programs, id: SceneId(NEXT.fetch_add(1, Ordering::Relaxed)) })
     }
     /// Tells it from others.
     pub fn id(&self) -> SceneId {
@@ -153,6 +161,23 @@ impl Scene {
     #[inline(always)]
     pub fn materials(&self) -> &MaterialTable {
         &self.parts.materials
+    }
+    /// What parameters of materials refer to.
+    #[inline(always)]
+    pub fn textures(&self) -> &TextureTable {
+        &self.parts.textures
+    }
+    /// How the rows of textured materials are made.
+    #[inline(always)]
+    pub fn programs(&self) -> &Programs {
+        &self.programs
+    }
+    /// The row of the material of a primitive with this tag, which is one of the scene's.
+    #[inline(always)]
+    pub(crate) fn row_of(&self, tag: u32) -> u32 {
+        let tag = PrimitiveTag(tag);
+        let id = tag.0 & PrimitiveTag::ID_MASK;
+        if tag.emits() { self.lights().material_of(id as usize) } else { id }
     }
     /// Lights with a place, and emitting surfaces.
     #[inline(always)]

@@ -795,11 +795,11 @@ fn bad_parameters_are_refused() {
         assert_eq!(refused(dielectric(bad, [1.0; 3], [1.0; 3])).1.expected, "numbers above 0");
         assert_eq!(refused(thin_dielectric(bad)).0, "thin_dielectric");
     }
-    let textured = Lambert { reflectance: Parameter::Texture(TextureId(3)) };
-    assert_eq!(
-        refused(textured).1.to_string(),
-        "reflectance is texture 3, expected a constant: the scene has no such texture"
-    );
+    // Whether there is such a texture is seen when the scene is put together.
+    let mut table = MaterialTable::default();
+    table.add(&Lambert { reflectance: Parameter::Texture(TextureId(3)) }).unwrap();
+    let (_, textured) = table.textured().next().unwrap();
+    assert_eq!((textured.len(), textured[0].texture, textured[0].width), (1, TextureId(3), 3));
 }
 
 /// Rows are as long as their parameters, and the table knows which places are rows of which class.

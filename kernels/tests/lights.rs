@@ -762,6 +762,7 @@ fn scene_of(light: &Light, materials: MaterialTable) -> Scene {
         camera,
         geometry: Geometry::default(),
         materials,
+        textures: Default::default(),
         lights: light.table.clone(),
         environment: [0.0; 3],
         max_depth: 5,

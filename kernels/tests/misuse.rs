@@ -194,6 +194,7 @@ fn scenes_whose_parts_do_not_fit_are_refused() {
             camera: Camera::new(camera_parts()).unwrap(),
             geometry: Geometry::new(GeometryParts { tags: tags.to_vec(), ..parts() }).unwrap(),
             materials: materials.clone(),
+            textures: Default::default(),
             lights,
             environment,
             max_depth,

@@ -7,12 +7,14 @@ use wavepath_kernels::scene::lights::{
     CylinderRow, DistantRow, Emitter, FlatRow, GoniometricRow, Light, LightList, LightTable, PointRow,
     SphereRow, StretchedSpotRow, fade, goniometric, kind,
 };
-use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart};
+use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart, polar_angle};
 use wavepath_kernels::scene::{
     Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, Lens, MaterialHandle, MaterialTable,
     NoRow, PrimitiveTag, Scene, SceneParts,
 };
+use wavepath_kernels::scene::{Along, Parametrization};
 use wavepath_kernels::shade::materials as m;
+use wavepath_kernels::texture::TextureTable;
 
 /// How the light of spheres is sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -84,6 +86,7 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
         geometry: GeometryParts::default(),
         lights: LightList::default(),
         lamp_power: 0.0,
+        textured: Vec::new(),
     };
     check(description)?;
     builder.check_size()?;
@@ -101,6 +104,7 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
         camera: camera(description)?,
         geometry,
         materials: builder.materials,
+        textures: TextureTable::new(description.textures.clone(), description.images.clone())?,
         lights: LightTable::new(builder.lights)?,
         environment,
         max_depth: description.max_depth,
@@ -202,6 +206,8 @@ struct Builder<'a> {
     lights: LightList,
     /// Of the lights so far that can be sampled and have a power.
     lamp_power: f64,
+    /// For each material, whether it is textured; empty if none is.
+    textured: Vec<bool>,
 }
 
 /// The scale of a transform that keeps angles, if it is one.
@@ -249,7 +255,43 @@ impl Builder<'_> {
             let handle = self.material(number as u32, *material)?;
             self.built.push(handle);
         }
+        let textured: Vec<MaterialHandle> = self
+            .materials
+            .textured()
+            .filter(|(_, columns)| !columns.is_empty())
+            .map(|(handle, _)| handle)
+            .collect();
+        if !textured.is_empty() {
+            self.textured = self.built.iter().map(|handle| textured.contains(handle)).collect();
+            // Number 0: triangles without coordinates of their own.
+            self.geometry.parametrizations.push(Parametrization::Corners);
+        }
         Ok(())
+    }
+
+    /// Are there textures? Then every primitive has coordinates.
+    fn has_textures(&self) -> bool {
+        !self.textured.is_empty()
+    }
+
+    /// Coordinates of something round: `turns` once around, and v from 0 to 1 as what it measures goes between these.
+    fn round(&mut self, world: &DAffine3, phi_max: f64, along: Along, [zero, one]: [f64; 2]) {
+        if !self.has_textures() {
+            return;
+        }
+        let inverse = world.inverse();
+        let rows = inverse.matrix3.transpose();
+        let t = inverse.translation;
+        let row = |r: DVec3, t: f64| [r.x, r.y, r.z, t].map(|x| x as f32);
+        let parametrization = Parametrization::Round {
+            object_from_world: [row(rows.x_axis, t.x), row(rows.y_axis, t.y), row(rows.z_axis, t.z)],
+            turns: (phi_max / 360.0) as f32,
+            along,
+            zero: zero as f32,
+            one: one as f32,
+        };
+        self.geometry.parametrization_of.push(self.geometry.parametrizations.len() as u32);
+        self.geometry.parametrizations.push(parametrization);
     }
 
     /// Adds a material to the table: the simplest one that does what the description says.
@@ -327,6 +369,8 @@ impl Builder<'_> {
         // Vertices and normals are stored once a mesh, however many shapes show it.
         let mut first_vertex: Vec<Option<u32>> = vec![None; description.meshes.len()];
         let mut first_normal = vec![0u32; description.meshes.len()];
+        // And coordinates, of those that a textured shape shows.
+        let mut parametrization: Vec<Option<u32>> = vec![None; description.meshes.len()];
         for (shape, id) in ordered {
             let mesh = &description.meshes[id];
             let first = *first_vertex[id].get_or_insert_with(|| {
@@ -336,6 +380,19 @@ impl Builder<'_> {
                 self.geometry.vertices.extend(&mesh.positions);
                 first
             });
+            if self.has_textures() {
+                let mut number = 0;
+                if !mesh.uvs.is_empty() && self.textured[shape.material.0 as usize] {
+                    number = *parametrization[id].get_or_insert_with(|| {
+                        let offset = (self.geometry.uvs.len() as u32).wrapping_sub(first);
+                        self.geometry.uvs.extend(&mesh.uvs);
+                        self.geometry.parametrizations.push(Parametrization::Vertices { offset });
+                        self.geometry.parametrizations.len() as u32 - 1
+                    });
+                }
+                let of = &mut self.geometry.parametrization_of;
+                of.resize(of.len() + mesh.triangles.len(), number);
+            }
             for triangle in &mesh.triangles {
                 self.triangle(shape, mesh, *triangle, first, first_normal[id]);
             }
@@ -402,6 +459,9 @@ impl Builder<'_> {
     fn spheres(&mut self) {
         for shape in &self.description.shapes {
             let Some((centre, radius)) = Self::whole_sphere(&shape.geometry) else { continue };
+            if let d::Geometry::Sphere { world_from_object, .. } = &shape.geometry {
+                self.round(world_from_object, 360.0, Along::Polar, [std::f64::consts::PI, 0.0]);
+            }
             let signed = if shape.flip_normal { -radius } else { radius };
             let c = centre.as_vec3();
             let sphere = [c.x, c.y, c.z, signed as f32];
@@ -428,17 +488,21 @@ impl Builder<'_> {
                 d::Geometry::Mesh(_) => continue,
                 d::Geometry::Sphere { .. } if Self::whole_sphere(&shape.geometry).is_some() => continue,
                 d::Geometry::Sphere { world_from_object, radius, z_min, z_max, phi_max } => {
+                    let range = [z_min, z_max].map(|z| polar_angle(z, radius));
+                    self.round(&world_from_object, phi_max, Along::Polar, range);
                     let phi_max = phi_max.to_radians();
                     let [radius, z_min, z_max, phi_max] = [radius, z_min, z_max, phi_max].map(|x| x as f32);
                     (world_from_object, QuadricForm::Sphere(SpherePart { radius, z_min, z_max, phi_max }))
                 }
                 d::Geometry::Disk { world_from_object, height, radius, inner_radius, phi_max } => {
+                    self.round(&world_from_object, phi_max, Along::Radius, [radius, inner_radius]);
                     let phi_max = phi_max.to_radians();
                     let [height, radius, inner_radius, phi_max] =
                         [height, radius, inner_radius, phi_max].map(|x| x as f32);
                     (world_from_object, QuadricForm::Disk(Disk { height, radius, inner_radius, phi_max }))
                 }
                 d::Geometry::Cylinder { world_from_object, radius, z_min, z_max, phi_max } => {
+                    self.round(&world_from_object, phi_max, Along::Height, [z_min, z_max]);
                     let phi_max = phi_max.to_radians();
                     let [radius, z_min, z_max, phi_max] = [radius, z_min, z_max, phi_max].map(|x| x as f32);
                     (world_from_object, QuadricForm::Cylinder(Cylinder { radius, z_min, z_max, phi_max }))
@@ -616,7 +680,7 @@ mod tests {
         );
         assert!(error_of(rough([0.1, 0.2])).contains("anisotropic"));
         let textured = d::Material::ThinDielectric { eta: d::Parameter::Texture(d::TextureId(0)) };
-        assert!(error_of(textured).contains("eta is texture 0"));
+        assert!(error_of(textured).contains("refers to texture 0, but there are 0"));
     }
 
     #[test]

@@ -6,9 +6,11 @@
 
 use crate::pbrt::transform;
 use glam::{DAffine3, DMat3, DVec3};
+use std::sync::Arc;
 use wavepath_engine::SamplerKind;
 use wavepath_engine::film::Frame;
 pub use wavepath_kernels::shade::parameters::{Parameter, TextureId};
+use wavepath_kernels::texture::{Image, Texture};
 
 /// Linear RGB, not clamped. Radiance in W/(m^2 sr) where it is emitted light, dimensionless where it is a reflectance.
 pub type Rgb = [f32; 3];
@@ -40,6 +42,10 @@ pub struct SceneDescription {
     pub shapes: Vec<Shape>,
     /// Materials that [`Shape::material`] refers to.
     pub materials: Vec<Material>,
+    /// Textures that parameters of materials refer to, and each other: to those before them.
+    pub textures: Vec<Texture>,
+    /// Pictures that textures refer to.
+    pub images: Vec<Arc<Image>>,
     /// Lights without a surface. Emitting surfaces are [`Shape::emission`].
     pub lights: Vec<Light>,
 }
@@ -56,6 +62,8 @@ impl Default for SceneDescription {
             meshes: Vec::new(),
             shapes: Vec::new(),
             materials: Vec::new(),
+            textures: Vec::new(),
+            images: Vec::new(),
             lights: Vec::new(),
         }
     }

@@ -19,7 +19,9 @@ use wavepath_kernels::scene::{PrimitiveTag, Scene};
 use wavepath_kernels::shade::emission::emitted;
 use wavepath_kernels::shade::materials::{ForMaterial, Material};
 use wavepath_kernels::shade::surface::Surface;
+use wavepath_kernels::shade::parameters::Parameters;
 use wavepath_kernels::shade::{Features, Scattered, Vertex, material_of, scatter};
+use wavepath_kernels::texture::{EvaluateOne, WIDEST};
 
 /// One worker of the engine: takes tiles until there are none left.
 pub(crate) struct Worker<'a, P> {
@@ -161,6 +163,7 @@ fn trace<I: Isa, P: Features>(
     let mut eta_scale = one;
     let mut pdf = I::One::zero();
     let mut radiance = [0.0f32; 3];
+    let mut row = [0.0; WIDEST];
     let mut add = |light: Rgb<I::One>| {
         for (sum, x) in radiance.iter_mut().zip(light.lane(0)) {
             *sum += x;
@@ -204,7 +207,14 @@ fn trace<I: Isa, P: Features>(
         }
         let Some(class) = list::class(list) else { break };
         let vertex = Vertex { surface, direction, throughput, eta_scale, stream, depth: uint(depth) };
-        let step = Step::<_, P> { scene, tag, vertex: &vertex, features: PhantomData };
+        let textured = scene.programs().has_class(class);
+        if textured {
+            let barycentric = [hit.u, hit.v];
+            let primitive = hit.primitive;
+            isa.run(EvaluateOne { scene, primitive, surface, barycentric, row: &mut row });
+        }
+        let textured = textured.then_some(&row[..]);
+        let step = Step::<_, P> { scene, tag, textured, vertex: &vertex, features: PhantomData };
         let Some(next) = class.with(step) else { break };
         if P::LIGHTS != 0 && next.shadow.valid {
             stats.shadow_rays += 1;
@@ -238,6 +248,8 @@ fn trace<I: Isa, P: Features>(
 struct Step<'a, F: Real, P> {
     scene: &'a Scene,
     tag: u32,
+    /// The row of parameters there, if it is not that of the material.
+    textured: Option<&'a [f32]>,
     vertex: &'a Vertex<F>,
     features: PhantomData<P>,
 }
@@ -246,10 +258,15 @@ impl<F: Real, P: Features> ForMaterial for Step<'_, F, P> {
     type Output = Scattered<F>;
     #[inline(always)]
     fn run<M: Material>(self) -> Scattered<F> {
-        // SAFETY: the tag is one of the scene's, and of the class of `M`.
+        // SAFETY: the tag is one of the scene's, and of the class of `M`; a textured row is one of `M`.
         let bsdf = unsafe {
-            let material = material_of(self.scene, F::Uint::splat(self.tag));
-            M::bsdf::<F>(self.scene.materials().evaluate::<M, F>(material))
+            M::bsdf::<F>(match self.textured {
+                None => {
+                    let material = material_of(self.scene, F::Uint::splat(self.tag));
+                    self.scene.materials().evaluate::<M, F>(material)
+                }
+                Some(row) => <M as Parameters>::evaluate::<F>(row, F::Uint::splat(0)),
+            })
         };
         scatter::<F, M::Bsdf<F>, P>(self.scene, self.vertex, &bsdf)
     }

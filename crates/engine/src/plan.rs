@@ -125,6 +125,7 @@ impl Plan {
         let requirements = Requirements {
             transmission: shade_kernels.iter().any(|c| c.scales_radiance()),
             smooth_normals: geometry.smooth_triangles() > 0,
+            textures: shade_kernels.iter().any(|&class| scene.programs().has_class(class)),
             light_sampling: light_kinds != 0,
             filter_weights: scene.camera().filter().has_negative_lobes(),
             instances: false,
@@ -154,6 +155,12 @@ impl Plan {
                     present: requirements.have(c.needs),
                     holds: c.holds,
                 })
+                .chain([PlannedColumn {
+                    name: "row (some).parameters".into(),
+                    bytes: size_of::<f32>() * scene.programs().widest(),
+                    present: requirements.textures,
+                    holds: "parameters of a textured material at the point",
+                }])
                 .chain(all_channel_columns().map(|(_, name, holds)| PlannedColumn {
                     name,
                     bytes: size_of::<f32>(),
@@ -198,6 +205,7 @@ impl Plan {
         plan.requirements = Requirements {
             transmission: true,
             smooth_normals: true,
+            textures: plan.requirements.textures,
             light_sampling: lit,
             filter_weights: true,
             instances: false,
@@ -243,6 +251,13 @@ impl Plan {
                 counted(p.quadrics, "disks, clipped or stretched spheres"),
             ),
             part("material_sort", true, format!("{} lists", self.shade_kernels.len() + 2)),
+            part("texture", self.requirements.textures, {
+                let materials = scene.materials().textured().filter(|(_, columns)| !columns.is_empty()).count();
+                match (materials, scene.textures().images().len()) {
+                    (0, _) => "no textured materials".into(),
+                    (n, pictures) => format!("{n} textured materials, {}", counted(pictures, "pictures")),
+                }
+            }),
         ];
         for class in MaterialClass::scattering() {
             let n = of_class[class as usize];

@@ -14,6 +14,8 @@ pub enum Stage {
     Intersect,
     /// Index lists by material.
     MaterialSort,
+    /// Parameters of textured materials.
+    Texture,
     /// Scattering, emission, sky.
     Shade,
     /// Rays towards lights.
@@ -28,12 +30,13 @@ pub enum Stage {
 
 impl Stage {
     /// How many there are.
-    pub const COUNT: usize = 8;
+    pub const COUNT: usize = 9;
     /// All of them.
     pub const ALL: [Stage; Self::COUNT] = [
         Stage::Generate,
         Stage::Intersect,
         Stage::MaterialSort,
+        Stage::Texture,
         Stage::Shade,
         Stage::LightSample,
         Stage::RouletteCompact,
@@ -46,6 +49,7 @@ impl Stage {
             Stage::Generate => "generate",
             Stage::Intersect => "intersect",
             Stage::MaterialSort => "material_sort",
+            Stage::Texture => "texture",
             Stage::Shade => "shade",
             Stage::LightSample => "light_sample",
             Stage::RouletteCompact => "roulette_compact",

@@ -25,6 +25,7 @@ use wavepath_kernels::shade::emission::Emission;
 use wavepath_kernels::shade::environment::Environment;
 use wavepath_kernels::shade::materials::{ForMaterial, Material};
 use wavepath_kernels::shade::{Features, Shade};
+use wavepath_kernels::texture::{EvaluateTextures, PIECE, TexturedRows};
 
 /// Paths of a pool, if the user does not say otherwise: 2 to 8 thousand were best, as they fit a 1 MiB L2.
 pub const DEFAULT_BATCH: usize = 4096;
@@ -84,6 +85,8 @@ struct Pool<'a, P, A> {
     /// The camera's viewing axis.
     axis: [f32; 3],
     shadows: ShadowQueue,
+    /// Parameters of the paths of a piece, if their materials are textured.
+    rows: TexturedRows,
     order: OrderLists,
     /// Paths that have bounced; those behind them in the queue come from the camera.
     survivors: usize,
@@ -129,6 +132,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             channels: ChannelTable::new(batch, requirements.channels),
             axis: job.scene.camera().axis(),
             shadows: ShadowQueue::new(SHADOW_RAYS, requirements),
+            rows: TexturedRows::new(job.scene),
             order,
             survivors: 0,
             free: batch,
@@ -162,8 +166,13 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             laps.lap(&mut self.stats, Stage::MaterialSort);
             self.light_met(isa, &sorted);
             for &class in self.job.plan.shade_kernels() {
-                for (piece, coherent) in self.pieces(class, &sorted) {
-                    self.shade(isa, class, piece);
+                let textured = self.job.scene.programs().has_class(class);
+                for (piece, coherent) in self.pieces(class, textured, &sorted) {
+                    if textured {
+                        self.texture(isa, piece.clone());
+                        laps.lap(&mut self.stats, Stage::Texture);
+                    }
+                    self.shade(isa, class, textured, piece);
                     laps.lap(&mut self.stats, Stage::Shade);
                     if P::LIGHTS != 0 && self.shadows.len > 0 {
                         let class = if coherent { RayClass::FirstShadow } else { RayClass::LaterShadow };
@@ -297,11 +306,12 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         self.scattered.len = 0;
     }
 
-    /// The paths of a class, as places in `order.list`, in pieces whose shadow rays fit their queue; and whether the
-    /// pieces hold paths from the camera, whose shadow rays stay together.
+    /// The paths of a class, as places in `order.list`, in pieces whose shadow rays and rows of parameters fit their
+    /// queues; and whether the pieces hold paths from the camera, whose shadow rays stay together.
     fn pieces(
         &self,
         class: MaterialClass,
+        textured: bool,
         sorted: &Sorted,
     ) -> impl Iterator<Item = (Range<usize>, bool)> + use<P, A> {
         let range = sorted.range(list::of(class));
@@ -309,6 +319,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         let list = &self.order.list[range.clone()];
         let middle = range.start + list.partition_point(|&i| (i as usize) < self.survivors);
         let size = if P::LIGHTS != 0 && class.samples_lights() { SHADOW_RAYS } else { usize::MAX };
+        let size = if textured { size.min(PIECE) } else { size };
         [(range.start..middle, false), (middle..range.end, true)].into_iter().flat_map(
             move |(part, coherent)| {
                 let end = part.end;
@@ -317,10 +328,23 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
         )
     }
 
-    fn shade<I: Isa>(&mut self, isa: I, class: MaterialClass, piece: Range<usize>) {
+    fn texture<I: Isa>(&mut self, isa: I, piece: Range<usize>) {
+        isa.run(EvaluateTextures {
+            scene: self.job.scene,
+            list: &self.order.list[piece],
+            paths: &self.paths,
+            hits: &self.hits,
+            rows: &mut self.rows,
+            // SAFETY: as for `shade`; pieces are short enough, and the plan has barycentric weights where there are
+            // textures.
+            promise: unsafe { Promise::new() },
+        });
+    }
+
+    fn shade<I: Isa>(&mut self, isa: I, class: MaterialClass, textured: bool, piece: Range<usize>) {
         self.shadows.len = 0;
         // No path is on an absorber: `material_sort` ends them.
-        let _ = class.with(ShadePiece { isa, pool: self, piece });
+        let _ = class.with(ShadePiece { isa, pool: self, textured, piece });
     }
 
     fn light_sample<I: Isa>(&mut self, isa: I, class: RayClass) {
@@ -395,6 +419,7 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
 struct ShadePiece<'p, 'a, I, P, A> {
     isa: I,
     pool: &'p mut Pool<'a, P, A>,
+    textured: bool,
     piece: Range<usize>,
 }
 
@@ -402,12 +427,13 @@ impl<I: Isa, P: Features, A: Accelerator> ForMaterial for ShadePiece<'_, '_, I, 
     type Output = ();
     #[inline(always)]
     fn run<M: Material>(self) {
-        let ShadePiece { isa, pool, piece } = self;
+        let ShadePiece { isa, pool, textured, piece } = self;
         isa.run(Shade::<M, M::Sees<P>> {
             scene: pool.job.scene,
             list: &pool.order.list[piece],
             paths: &pool.paths,
             hits: &pool.hits,
+            textured: textured.then(|| pool.rows.rows()),
             slots: &mut pool.slots,
             first_sample: &pool.first_sample,
             scattered: &mut pool.scattered,
@@ -415,7 +441,8 @@ impl<I: Isa, P: Features, A: Accelerator> ForMaterial for ShadePiece<'_, '_, I, 
             kernel: PhantomData,
             // SAFETY: the queues are the pool's, whose columns nobody replaces; the lists are those of `material_sort`,
             // made of hits in a tree of this scene (see `Job::new`), and each holds primitives of its class; slots come
-            // from `generate`, with units of the pool; shadow rays fit as `pieces` are short.
+            // from `generate`, with units of the pool; shadow rays fit as `pieces` are short; `texture` wrote the rows of
+            // the piece.
             promise: unsafe { Promise::new() },
         });
     }

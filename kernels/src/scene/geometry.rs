@@ -1,6 +1,7 @@
 //! Primitives: triangles, spheres, and the surfaces of [`super::shapes`].
 
 use super::error::{BuildError, exists, finite};
+use super::parametrization::{Parametrization, Parametrizations};
 use super::shapes::Quadric;
 
 /// What a [`Geometry`] is made of. Numbers of primitives run over triangles, then spheres, then quadrics.
@@ -22,6 +23,12 @@ pub struct GeometryParts {
     pub quadrics: Vec<Quadric>,
     /// [`PrimitiveTag`](super::PrimitiveTag) of each primitive.
     pub tags: Vec<u32>,
+    /// For textures: the number of each primitive's parametrization, or empty.
+    pub parametrization_of: Vec<u32>,
+    /// Where coordinates of primitives come from.
+    pub parametrizations: Vec<Parametrization>,
+    /// Coordinates of vertices.
+    pub uvs: Vec<[f32; 2]>,
 }
 
 /// All primitives. Their numbers run over triangles, then spheres, then quadrics.
@@ -33,6 +40,7 @@ pub struct Geometry {
     parts: GeometryParts,
     /// Four numbers a primitive, whatever it is. Triangle: its plane. Sphere: centre and signed radius. Quadric: unused.
     surfaces: Vec<[f32; 4]>,
+    parametrizations: Parametrizations,
 }
 
 impl Geometry {
@@ -52,8 +60,9 @@ impl Geometry {
         let length = |of, found, expected| {
             if found != expected { Err(BuildError::Length { of, found, expected }) } else { Ok(()) }
         };
-        let GeometryParts { vertices, triangles, planes, normals, triangle_normals, spheres, quadrics, tags } =
-            &parts;
+        let GeometryParts {
+            vertices, triangles, planes, normals, triangle_normals, spheres, quadrics, tags, ..
+        } = &parts;
         let primitives = triangles.len().saturating_add(spheres.len()).saturating_add(quadrics.len());
         limit("primitives", primitives, Self::MAX_PRIMITIVES)?;
         limit("vertices", vertices.len(), Self::MAX_VERTICES)?;
@@ -88,11 +97,18 @@ impl Geometry {
                 return Err(BuildError::Number { of: "sphere", id, what });
             }
         }
+        let parametrizations = Parametrizations::new(
+            core::mem::take(&mut parts.parametrization_of),
+            &core::mem::take(&mut parts.parametrizations),
+            core::mem::take(&mut parts.uvs),
+            &parts.triangles,
+            primitives,
+        )?;
         let mut surfaces = core::mem::take(&mut parts.planes);
         surfaces.reserve_exact(primitives - surfaces.len());
         surfaces.extend(&parts.spheres);
         surfaces.resize(primitives, [0.0; 4]);
-        Ok(Geometry { parts, surfaces })
+        Ok(Geometry { parts, surfaces, parametrizations })
     }
 
     /// World-space vertices.
@@ -112,6 +128,20 @@ impl Geometry {
     #[inline(always)]
     pub(crate) fn triangle_normals(&self) -> &[u32] {
         self.parts.triangle_normals.as_flattened()
+    }
+    /// The same, flat.
+    #[inline(always)]
+    pub(crate) fn corner_numbers(&self) -> &[u32] {
+        self.parts.triangles.as_flattened()
+    }
+    /// Where coordinates of primitives come from.
+    #[inline(always)]
+    pub(super) fn parametrizations(&self) -> &Parametrizations {
+        &self.parametrizations
+    }
+    /// Does it keep coordinates for textures?
+    pub fn has_coordinates(&self) -> bool {
+        !self.parametrizations.is_empty()
     }
     /// Vertex normals, three numbers each.
     #[inline(always)]
@@ -172,6 +202,7 @@ impl Geometry {
             + size_of_val(&p.quadrics[..])
             + size_of_val(&self.surfaces[..])
             + size_of_val(&p.tags[..])
+            + self.parametrizations.bytes()
     }
 }
 

@@ -8,7 +8,7 @@
 
 use super::Features;
 use super::bsdf::Bsdf;
-use super::parameters::{BadParameter, Parameters};
+use super::parameters::{BadParameter, Parameters, TexturedColumns};
 use crate::lanes::Real;
 use crate::material_sort;
 use crate::scene::PrimitiveTag;
@@ -22,14 +22,16 @@ use core::fmt;
 /// use wavepath_kernels::lanes::Real;
 /// use wavepath_kernels::shade::lambert::{DiffuseReflection, Evaluated, Lambert};
 /// use wavepath_kernels::shade::materials::Material;
-/// use wavepath_kernels::shade::parameters::{BadParameter, Parameters};
+/// use wavepath_kernels::shade::parameters::{BadParameter, Parameters, TexturedColumns};
 ///
 /// #[derive(Clone, Copy, Debug, PartialEq)]
 /// struct Forgotten;
 /// impl Parameters for Forgotten {
 ///     type Evaluated<F: Real> = Evaluated<F>;
 ///     const WIDTH: usize = 3;
-///     fn write(&self, _rows: &mut Vec<f32>) -> Result<(), BadParameter> { Ok(()) }
+///     const DERIVES: bool = false;
+///     fn write(&self, _: &mut Vec<f32>, _: &mut Vec<TexturedColumns>) -> Result<(), BadParameter> { Ok(()) }
+///     fn derive(_row: &mut [f32]) {}
 ///     unsafe fn evaluate<F: Real>(rows: &[f32], row: F::Uint) -> Evaluated<F> {
 ///         // SAFETY: the caller's promise.
 ///         unsafe { <Lambert as Parameters>::evaluate::<F>(rows, row) }
@@ -127,6 +129,25 @@ macro_rules! materials {
                 }
             }
 
+            /// Numbers of a row.
+            pub const fn width(self) -> usize {
+                match self {
+                    MaterialClass::Absorber => 0,
+                    $(MaterialClass::$name => <$name as Parameters>::WIDTH,)*
+                }
+            }
+
+            /// What computes the columns of a row that follow from others, if some do.
+            pub fn derive(self) -> Option<fn(&mut [f32])> {
+                match self {
+                    MaterialClass::Absorber => None,
+                    $(MaterialClass::$name if <$name as Parameters>::DERIVES => {
+                        Some(<$name as Parameters>::derive)
+                    })*
+                    _ => None,
+                }
+            }
+
             /// Does the work for the material of this class; none for [`MaterialClass::Absorber`].
             #[inline(always)]
             pub fn with<W: ForMaterial>(self, work: W) -> Option<W::Output> {
@@ -165,6 +186,13 @@ materials! {
     DiffuseTransmission in diffuse_transmission;
 }
 
+const _: () = {
+    let mut class = 0;
+    while class < MaterialClass::COUNT {
+        assert!(MaterialClass::ALL[class].width() <= crate::texture::WIDEST, "rows must fit the megakernel's");
+        class += 1;
+    }
+};
 const _: () = assert!(MaterialClass::COUNT <= 1 << PrimitiveTag::CLASS_BITS, "classes must fit the tag");
 const _: () = assert!(material_sort::LISTS <= material_sort::EMITS as usize, "lists must fit the sort's key");
 
@@ -225,6 +253,10 @@ pub struct MaterialTable {
     rows: Vec<f32>,
     /// Class and place of each row, in order of place.
     materials: Vec<MaterialHandle>,
+    /// What textures give of the rows.
+    textured: Vec<TexturedColumns>,
+    /// For each material, how many of those it and the ones before it have.
+    textured_to: Vec<u32>,
 }
 
 impl MaterialTable {
@@ -242,7 +274,7 @@ impl MaterialTable {
             return Err(MaterialError::Full);
         }
         material
-            .write(&mut self.rows)
+            .write(&mut self.rows, &mut self.textured)
             .map_err(|problem| MaterialError::Parameter { material: M::CLASS.name(), problem })?;
         assert_eq!(self.rows.len(), row + M::WIDTH, "a row is as long as its material says");
         if M::WIDTH == 0 {
@@ -250,6 +282,7 @@ impl MaterialTable {
         }
         let handle = MaterialHandle { class: M::CLASS, row: row as u32 };
         self.materials.push(handle);
+        self.textured_to.push(self.textured.len() as u32);
         Ok(handle)
     }
 
@@ -262,6 +295,22 @@ impl MaterialTable {
                 .is_ok_and(|at| self.materials[at].class == handle.class)
     }
 
+    /// All materials, and what textures give of each.
+    pub fn textured(&self) -> impl Iterator<Item = (MaterialHandle, &[TexturedColumns])> {
+        let starts = core::iter::once(&0).chain(&self.textured_to);
+        let ranges = starts.zip(&self.textured_to).map(|(&start, &end)| start as usize..end as usize);
+        self.materials.iter().zip(ranges).map(|(handle, range)| (*handle, &self.textured[range]))
+    }
+    /// Numbers of all rows.
+    pub fn numbers(&self) -> usize {
+        self.rows.len()
+    }
+    /// The rows.
+    #[inline(always)]
+    pub(crate) fn rows(&self) -> &[f32] {
+        &self.rows
+    }
+
     /// How many materials.
     pub fn len(&self) -> usize {
         self.materials.len()
@@ -272,7 +321,10 @@ impl MaterialTable {
     }
     /// Bytes on the heap.
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.rows[..]) + size_of_val(&self.materials[..])
+        size_of_val(&self.rows[..])
+            + size_of_val(&self.materials[..])
+            + size_of_val(&self.textured[..])
+            + size_of_val(&self.textured_to[..])
     }
 
     /// The parameters of a material at a point: the one way by which kernels come to them.

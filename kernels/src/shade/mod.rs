@@ -210,7 +210,8 @@ pub unsafe fn material_of<U: Uint>(scene: &Scene, tag: U) -> U {
 ///
 /// Promise: the queues are as long as their `new` made them; `list` holds places of `paths`, each of which has a hit on a
 /// primitive of the scene whose tag is of the class `M`; their slots are below the capacity of `slots`, and hold places
-/// of units that have an entry in `first_sample`; if `P` samples lights, `shadows` has room for the list.
+/// of units that have an entry in `first_sample`; if `P` samples lights, `shadows` has room for the list; textured rows are
+/// those of the list, and a vector's more.
 pub struct Shade<'a, M, P> {
     /// Scene.
     pub scene: &'a Scene,
@@ -220,6 +221,8 @@ pub struct Shade<'a, M, P> {
     pub paths: &'a PathQueue,
     /// Where they arrive.
     pub hits: &'a HitQueue,
+    /// Rows of parameters in the order of `list`, from the stage `texture`; none where the rows of the materials do.
+    pub textured: Option<&'a [f32]>,
     /// Random streams; the radiance scaling of refraction is kept there.
     pub slots: &'a mut SlotTable,
     /// Index of the first sample of each work unit.
@@ -243,6 +246,7 @@ impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
             self.list,
             self.paths,
             self.hits,
+            self.textured,
             self.slots,
             self.first_sample,
             self.scattered,
@@ -251,6 +255,9 @@ impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
     }
 }
 
+/// Numbers of lanes.
+const LANES: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
 fn shade<F: Real, M: Material, P: Features>(
@@ -258,6 +265,7 @@ fn shade<F: Real, M: Material, P: Features>(
     list: &[u32],
     paths: &PathQueue,
     hits: &HitQueue,
+    textured: Option<&[f32]>,
     slots: &mut SlotTable,
     first_sample: &[u32],
     scattered: &mut PathQueue,
@@ -285,8 +293,16 @@ fn shade<F: Real, M: Material, P: Features>(
                 real(&hits.t),
                 || (real(&hits.u), real(&hits.v)),
             );
-            let tag = F::Uint::gather(scene.geometry().tags(), primitive);
-            let material = material_of(scene, tag);
+            let parameters = match textured {
+                None => {
+                    let tag = F::Uint::gather(scene.geometry().tags(), primitive);
+                    scene.materials().evaluate::<M, F>(material_of(scene, tag))
+                }
+                Some(rows) => {
+                    let row = F::Uint::splat(at as u32) + F::Uint::load(&LANES, 0);
+                    M::evaluate::<F>(rows, row * F::Uint::splat(M::WIDTH as u32))
+                }
+            };
             let vertex = Vertex {
                 surface,
                 direction,
@@ -299,7 +315,7 @@ fn shade<F: Real, M: Material, P: Features>(
                 stream: slots.stream(first_sample, slot),
                 depth: slot_depth.shr::<SLOT_BITS>(),
             };
-            (vertex, M::bsdf(scene.materials().evaluate::<M, F>(material)), slot)
+            (vertex, M::bsdf(parameters), slot)
         };
         let out = scatter::<F, M::Bsdf<F>, P>(scene, &vertex, &bsdf);
 

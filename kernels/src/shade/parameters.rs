@@ -60,6 +60,8 @@ pub trait Value: Copy + fmt::Debug {
     const WIDTH: usize;
     /// Its numbers.
     fn numbers(&self) -> &[f32];
+    /// From its numbers, the first of these.
+    fn from_numbers(numbers: &[f32]) -> Self;
     /// Reads it from the rows at `at`.
     ///
     /// # Safety
@@ -74,6 +76,10 @@ impl Value for f32 {
         core::slice::from_ref(self)
     }
     #[inline(always)]
+    fn from_numbers(numbers: &[f32]) -> Self {
+        numbers[0]
+    }
+    #[inline(always)]
     unsafe fn load<F: Real>(rows: &[f32], at: F::Uint) -> F {
         // SAFETY: the caller's promise.
         unsafe { F::gather(rows, at) }
@@ -85,6 +91,10 @@ impl Value for [f32; 3] {
     const WIDTH: usize = 3;
     fn numbers(&self) -> &[f32] {
         self
+    }
+    #[inline(always)]
+    fn from_numbers(numbers: &[f32]) -> Self {
+        [numbers[0], numbers[1], numbers[2]]
     }
     #[inline(always)]
     unsafe fn load<F: Real>(rows: &[f32], at: F::Uint) -> Rgb<F> {
@@ -156,11 +166,36 @@ pub fn checked<T: Value>(
                 Some(x) => bad(x.to_string(), format!("numbers {range}")),
             }
         }
-        // Textures have no table of their own yet, so there is none that a number could name.
-        Parameter::Texture(TextureId(id)) => {
-            bad(format!("texture {id}"), "a constant: the scene has no such texture".into())
-        }
+        // Something in the range, until the stage `texture` writes what is there.
+        Parameter::Texture(_) => Ok(T::from_numbers(&[0.5f32.clamp(range.least, range.most); 3])),
     }
+}
+
+/// Columns of a row that a texture gives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TexturedColumns {
+    /// Which texture. That it exists is checked by [`Scene::new`](crate::scene::Scene::new).
+    pub texture: TextureId,
+    /// The first of the columns.
+    pub column: u32,
+    /// How many: 1 or 3.
+    pub width: u32,
+    /// What its values are kept to.
+    pub range: Range,
+}
+
+/// Notes a parameter whose columns begin at `column`, which becomes that behind them.
+pub fn note_texture<T: Value>(
+    parameter: Parameter<T>,
+    column: &mut u32,
+    range: Range,
+    textured: &mut Vec<TexturedColumns>,
+) {
+    let width = T::WIDTH as u32;
+    if let Parameter::Texture(texture) = parameter {
+        textured.push(TexturedColumns { texture, column: *column, width, range });
+    }
+    *column += width;
 }
 
 /// The parameters of a material, as a scene gives them. Implemented by the macro `parameters!`.
@@ -169,11 +204,15 @@ pub trait Parameters: Copy + fmt::Debug + PartialEq + Send + Sync + 'static {
     type Evaluated<F: Real>: Copy;
     /// Numbers a row.
     const WIDTH: usize;
-    /// Checks them and appends their row.
+    /// Do columns follow from others?
+    const DERIVES: bool;
+    /// Checks them and appends their row, and what textures give of it to `textured`.
     ///
     /// # Errors
-    /// If a parameter is out of its range. The rows are then what they were.
-    fn write(&self, rows: &mut Vec<f32>) -> Result<(), BadParameter>;
+    /// If a parameter is out of its range. Rows and textures are then what they were.
+    fn write(&self, rows: &mut Vec<f32>, textured: &mut Vec<TexturedColumns>) -> Result<(), BadParameter>;
+    /// Computes the columns of a row that follow from others once more.
+    fn derive(row: &mut [f32]);
     /// Reads a row.
     ///
     /// # Safety
@@ -217,15 +256,43 @@ macro_rules! parameters {
                 $(+ <$type as $crate::shade::parameters::Value>::WIDTH)*
                 $($(+ <$derived_type as $crate::shade::parameters::Value>::WIDTH)*)?;
 
-            fn write(&self, rows: &mut Vec<f32>) -> Result<(), $crate::shade::parameters::BadParameter> {
-                use $crate::shade::parameters::{Value, checked};
+            const DERIVES: bool = {
+                let derived: &[&str] = &[$($(stringify!($derived)),*)?];
+                !derived.is_empty()
+            };
+
+            #[allow(unused_assignments, unused_mut, unused_variables)]
+            fn write(
+                &self,
+                rows: &mut Vec<f32>,
+                textured: &mut Vec<$crate::shade::parameters::TexturedColumns>,
+            ) -> Result<(), $crate::shade::parameters::BadParameter> {
+                use $crate::shade::parameters::{Value, checked, note_texture};
                 $(let $name: $type = checked(stringify!($name), self.$name, $range)?;)*
+                let mut column = 0;
+                $(note_texture(self.$name, &mut column, $range, textured);)*
                 $(rows.extend($name.numbers());)*
                 $($({
                     let derived: $derived_type = $value;
                     rows.extend(derived.numbers());
                 })*)?
                 Ok(())
+            }
+
+            #[allow(unused_assignments, unused_mut, unused_variables)]
+            fn derive(row: &mut [f32]) {
+                use $crate::shade::parameters::Value;
+                let mut next = 0;
+                $(
+                    let $name = <$type as Value>::from_numbers(&row[next..]);
+                    next += <$type as Value>::WIDTH;
+                )*
+                $($({
+                    let derived: $derived_type = $value;
+                    let width = <$derived_type as Value>::WIDTH;
+                    row[next..next + width].copy_from_slice(derived.numbers());
+                    next += width;
+                })*)?
             }
 
             #[inline(always)]

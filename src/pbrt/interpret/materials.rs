@@ -177,6 +177,7 @@ impl Builder {
             shape.material = match new_ids.get(&old) {
                 Some(id) => *id,
                 None => {
+                    self.textures.need_material(MaterialId(old));
                     let material = match self.materials.known(old as usize)? {
                         Read::Material(material) => material,
                         Read::Lacking(material, lacks) => {
@@ -216,6 +217,7 @@ impl Builder {
     pub(super) fn material(&mut self, kind: &Name, parameters: &Parameters) -> Result<()> {
         let read = self.read_material(kind, parameters)?;
         self.state.material = self.materials.intern_read(read);
+        self.textures.belong_to(self.state.material);
         Ok(())
     }
 
@@ -236,7 +238,11 @@ impl Builder {
             }
             self.warn(problem);
         }
+        let text = name.text.clone();
         self.materials.define(name.text, material);
+        if let Some(id) = self.materials.names.get(&text) {
+            self.textures.belong_to(*id);
+        }
         Ok(())
     }
 
@@ -337,21 +343,41 @@ impl Builder {
         Ok(clamped)
     }
 
-    fn diffuse(&mut self, parameters: &Parameters, name: &'static str) -> Result<Material> {
-        let reflectance = self.reflectance(parameters, name, 0.5)?.map(|c| c as f32);
-        let sigma = self.float_texture(parameters, "sigma")?.unwrap_or(0.0);
-        if !(0.0..=90.0).contains(&sigma) {
-            return Err(parameters.bad("sigma", &sigma.to_string(), "expected 0 to 90 degrees"));
+    /// A share of light, clamped to [0, 1]: that of a texture where it is evaluated.
+    fn share(
+        &mut self,
+        parameters: &Parameters,
+        name: &'static str,
+        default: f64,
+    ) -> Result<Parameter<Rgb64>> {
+        match self.spectrum_parameter(parameters, name)? {
+            Some(Parameter::Texture(id)) => Ok(Parameter::Texture(id)),
+            _ => Ok(Parameter::Constant(self.reflectance(parameters, name, default)?)),
         }
-        Ok(Material::Diffuse { reflectance: reflectance.into(), sigma: (sigma as f32).into() })
+    }
+
+    fn diffuse(&mut self, parameters: &Parameters, name: &'static str) -> Result<Material> {
+        let reflectance = self.share(parameters, name, 0.5)?;
+        let sigma = self.float_parameter(parameters, "sigma")?.unwrap_or(Parameter::Constant(0.0));
+        let sigma = match sigma {
+            Parameter::Constant(sigma) if !(0.0..=90.0).contains(&sigma) => {
+                return Err(parameters.bad("sigma", &sigma.to_string(), "expected 0 to 90 degrees"));
+            }
+            Parameter::Constant(sigma) => Parameter::Constant(sigma as f32),
+            Parameter::Texture(id) => Parameter::Texture(id),
+        };
+        Ok(Material::Diffuse { reflectance: single(reflectance), sigma })
     }
 
     /// Both shares times `scale`, then clamped to [0, 1], as pbrt does.
     fn diffuse_transmission(&mut self, parameters: &Parameters) -> Result<Material> {
         let scale = parameters.float_or("scale", 1.0)?;
         let mut share = |name| -> Result<Parameter<[f32; 3]>> {
-            let value = self.reflectance(parameters, name, 0.25)?;
-            Ok(value.map(|c| (scale * c).clamp(0.0, 1.0) as f32).into())
+            let value = self.share(parameters, name, 0.25)?;
+            Ok(match self.product(value, Parameter::Constant([scale; 3])) {
+                Parameter::Constant(value) => value.map(|c| c.clamp(0.0, 1.0) as f32).into(),
+                Parameter::Texture(id) => Parameter::Texture(id),
+            })
         };
         let (reflectance, transmittance) = (share("reflectance")?, share("transmittance")?);
         Ok(Material::DiffuseTransmission { reflectance, transmittance })
@@ -409,8 +435,8 @@ impl Builder {
     }
 
     fn mirror(&mut self, parameters: &Parameters) -> Result<Material> {
-        let reflectance = self.reflectance(parameters, "Kr", 0.9)?.map(|c| c as f32);
-        Ok(Material::Mirror { reflectance: reflectance.into() })
+        let reflectance = self.share(parameters, "Kr", 0.9)?;
+        Ok(Material::Mirror { reflectance: single(reflectance) })
     }
 
     fn dielectric(&mut self, parameters: &Parameters) -> Result<Material> {
@@ -424,13 +450,9 @@ impl Builder {
         self.refuse_roughness(parameters, v3_remap)?;
         let name = if parameters.find("eta").is_some() { "eta" } else { "index" };
         let eta = self.index_of_refraction(parameters, name)?;
-        let reflectance = self.reflectance(parameters, "Kr", 1.0)?.map(|c| c as f32);
-        let transmittance = self.reflectance(parameters, "Kt", 1.0)?.map(|c| c as f32);
-        Ok(Material::Dielectric {
-            eta: eta.into(),
-            reflectance: reflectance.into(),
-            transmittance: transmittance.into(),
-        })
+        let reflectance = single(self.share(parameters, "Kr", 1.0)?);
+        let transmittance = single(self.share(parameters, "Kt", 1.0)?);
+        Ok(Material::Dielectric { eta: eta.into(), reflectance, transmittance })
     }
 
     fn refuse_roughness(&mut self, parameters: &Parameters, remap: fn(f64) -> f64) -> Result<()> {
@@ -557,6 +579,10 @@ impl Builder {
                 Problem::new(place.clone(), format!("unknown material \"{}\"", shorten(name)))
                     .label("expected one that is defined before")
             })?;
+            if let Some(id) = self.materials.names.get(name) {
+                let textures = self.textures.of_material(*id);
+                self.textures.name_all(textures);
+            }
         }
         // v4's amount is the share of the second material, v3's of the first.
         let v3 = parameters.find("materials").is_none();
@@ -633,6 +659,14 @@ const NOT_THERE: Material = Material::Dielectric {
     reflectance: Parameter::Constant([0.0; 3]),
     transmittance: Parameter::Constant([1.0; 3]),
 };
+
+/// In single precision.
+fn single(value: Parameter<Rgb64>) -> Parameter<[f32; 3]> {
+    match value {
+        Parameter::Constant(value) => value.map(|c| c as f32).into(),
+        Parameter::Texture(id) => Parameter::Texture(id),
+    }
+}
 
 /// pbrt-v4: alpha = sqrt(roughness).
 fn sqrt_remap(roughness: f64) -> f64 {

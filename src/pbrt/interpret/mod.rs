@@ -1,7 +1,7 @@
 //! Turns directives into a [`SceneDescription`]: the step that knows what wavepath supports.
 //!
 //! One file per kind of thing: `options` (camera, film, filter, sampler, integrator), `values` (parameters that
-//! are colours or textures), `materials`, `lights`, `shapes`, `objects` (instances). This file keeps the
+//! are colours), `textures`, `materials`, `lights`, `shapes`, `objects` (instances). This file keeps the
 //! state, the order of directives and the complaints.
 
 mod lights;
@@ -9,6 +9,7 @@ mod materials;
 mod objects;
 mod options;
 mod shapes;
+mod textures;
 mod values;
 
 use std::collections::HashMap;
@@ -31,7 +32,7 @@ use materials::MaterialTable;
 use objects::Objects;
 use options::Options;
 use shapes::ShapeTotals;
-use values::Textures;
+use textures::Textures;
 
 /// Deepest nesting of `AttributeBegin`. It bounds memory: each level is a saved state.
 const MAX_NESTING: usize = 10_000;
@@ -626,6 +627,7 @@ impl Builder {
         self.finish_options()?;
         self.finish_filter();
         self.finish_materials()?;
+        self.finish_textures()?;
         self.scale_lights()
     }
 

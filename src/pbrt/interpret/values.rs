@@ -1,63 +1,24 @@
-//! Parameters that are colours, and textures. Only textures that are the same everywhere are supported: they are
-//! replaced by their value here.
+//! Parameters that are numbers and colours, or textures of them.
 
 use std::collections::HashMap;
-use std::rc::Rc;
 
-use crate::pbrt::error::{Place, Problem, Result, Span};
+use crate::pbrt::error::{Place, Problem, Result};
 use crate::pbrt::lexer::{parse_number, shorten};
 use crate::pbrt::parameters::{Parameter, ParameterType, Parameters, Values};
-use crate::pbrt::parser::Name;
 use crate::pbrt::source::open_maybe_gzipped;
 use crate::pbrt::spectra::{self, Named, Rgb64, Sampled};
 use crate::pbrt::suggest::did_you_mean;
 
-use super::{Builder, unknown_kind};
+use crate::scene::Parameter as Value;
 
-/// Largest file of a spectrum.
-const MAX_SPECTRUM_FILE: u64 = 16 << 20;
-
-/// Classes that pbrt has and wavepath lacks.
-const OTHER_CLASSES: [&str; 13] = [
-    "bilerp",
-    "checkerboard",
-    "directionmix",
-    "dots",
-    "fbm",
-    "imagemap",
-    "marble",
-    "ptex",
-    "windy",
-    "wrinkled",
-    "uv",
-    "checkerboard3d",
-    "bumpmap",
-];
-
-/// Why a texture has no value of its own: what is not supported, and where it is defined.
-#[derive(Clone, Debug)]
-pub(super) struct Lack {
-    message: String,
-    place: Place,
-}
-
-/// A texture: its value, or what is rendered instead.
-#[derive(Clone, Debug)]
-pub(super) struct Texture<T> {
-    value: T,
-    /// Matters where the texture is used: scenes define textures that nothing uses.
-    lacks: Rc<[Lack]>,
-}
-
-/// The textures by name; numbers and colours have separate names, as in pbrt.
-#[derive(Default)]
-pub(super) struct Textures {
-    float: HashMap<String, Texture<f64>>,
-    spectrum: HashMap<String, Texture<Rgb64>>,
-}
+use super::Builder;
+use super::textures::{Lack, Texture};
 
 /// What textures that are not supported are rendered as.
 const STAND_IN: f64 = 0.5;
+
+/// Largest file of a spectrum.
+const MAX_SPECTRUM_FILE: u64 = 16 << 20;
 
 fn unknown_texture<T>(map: &HashMap<String, Texture<T>>, parameter: &Parameter, kind: &str) -> Box<Problem> {
     let text = &parameter.strings()[0];
@@ -73,7 +34,7 @@ impl Builder {
         for lack in lacks {
             let problem = parameter
                 .problem(&lack.message)
-                .label("expected a constant texture or a value")
+                .label("expected another texture or a value")
                 .note(lack.place.clone(), "the texture is defined here")
                 .lacking("the texture is taken for the constant 0.5");
             self.pending.push(*problem);
@@ -81,23 +42,23 @@ impl Builder {
     }
 
     /// A number that may be a texture.
-    pub(super) fn float_texture(
+    pub(super) fn float_parameter(
         &mut self,
         parameters: &Parameters,
         name: &'static str,
-    ) -> Result<Option<f64>> {
+    ) -> Result<Option<Value<f64>>> {
         let types = [ParameterType::Float, ParameterType::Texture];
         let Some(parameter) = parameters.typed(name, &types)? else {
             return Ok(None);
         };
         parameter.single()?;
         if parameter.ty != ParameterType::Texture {
-            return Ok(Some(parameter.numbers()[0]));
+            return Ok(Some(Value::Constant(parameter.numbers()[0])));
         }
         match self.textures.float.get(&parameter.strings()[0]).cloned() {
             Some(texture) => {
                 self.note_lacks(parameter, &texture.lacks);
-                Ok(Some(texture.value))
+                Ok(Some(self.textures.name(texture.value)))
             }
             None => {
                 self.mistake(unknown_texture(&self.textures.float, parameter, "float"))?;
@@ -106,12 +67,27 @@ impl Builder {
         }
     }
 
-    /// Colour of a surface's property.
-    pub(super) fn surface_spectrum(
+    /// A number that is the same everywhere.
+    pub(super) fn float_texture(
         &mut self,
         parameters: &Parameters,
         name: &'static str,
-    ) -> Result<Option<Rgb64>> {
+    ) -> Result<Option<f64>> {
+        Ok(self.float_parameter(parameters, name)?.map(|value| match value {
+            Value::Constant(value) => value,
+            Value::Texture(_) => {
+                self.refuse_texture(parameters, name);
+                STAND_IN
+            }
+        }))
+    }
+
+    /// Colour of a surface's property, which may be a texture.
+    pub(super) fn spectrum_parameter(
+        &mut self,
+        parameters: &Parameters,
+        name: &'static str,
+    ) -> Result<Option<Value<Rgb64>>> {
         use ParameterType::{Rgb, Spectrum, Texture, Xyz};
         let Some(parameter) = parameters.typed(name, &[Rgb, Spectrum, Texture, Xyz])? else {
             return Ok(None);
@@ -122,7 +98,7 @@ impl Builder {
                 match self.textures.spectrum.get(&parameter.strings()[0]).cloned() {
                     Some(texture) => {
                         self.note_lacks(parameter, &texture.lacks);
-                        texture.value
+                        return Ok(Some(self.textures.name(texture.value)));
                     }
                     None => {
                         self.mistake(unknown_texture(&self.textures.spectrum, parameter, "spectrum"))?;
@@ -139,7 +115,28 @@ impl Builder {
             },
             _ => three(parameter)?,
         };
-        Ok(Some(value))
+        Ok(Some(Value::Constant(value)))
+    }
+
+    /// Colour of a surface's property that is the same everywhere.
+    pub(super) fn surface_spectrum(
+        &mut self,
+        parameters: &Parameters,
+        name: &'static str,
+    ) -> Result<Option<Rgb64>> {
+        Ok(self.spectrum_parameter(parameters, name)?.map(|value| match value {
+            Value::Constant(value) => value,
+            Value::Texture(_) => {
+                self.refuse_texture(parameters, name);
+                [STAND_IN; 3]
+            }
+        }))
+    }
+
+    /// Notes that a parameter must be the same everywhere.
+    fn refuse_texture(&mut self, parameters: &Parameters, name: &'static str) {
+        let problem = parameters.bad(name, "a texture", "expected a constant: textures of this are not supported");
+        self.pending.push(*problem.lacking("the texture is taken for the constant 0.5"));
     }
 
     /// Colour of a light.
@@ -245,123 +242,6 @@ impl Builder {
         })
     }
 
-    /// `Texture "name" "float|spectrum" "class" ...`
-    pub(super) fn texture(
-        &mut self,
-        name: Name,
-        value_type: &Name,
-        class: Name,
-        mut parameters: Parameters,
-    ) -> Result<()> {
-        self.check_arrays(&mut parameters)?;
-        let parameters = parameters.with_defaults(&self.state.defaults.texture);
-        let is_float = match value_type.text.as_str() {
-            "float" => true,
-            "spectrum" => false,
-            "color" => {
-                self.dialect.saw_v3(value_type.span)?;
-                false
-            }
-            _ => {
-                return Err(unknown_kind("type of texture", value_type, &["float", "spectrum"]));
-            }
-        };
-        self.check_redefinition(&name, is_float)?;
-        let is_supported = !OTHER_CLASSES.contains(&class.text.as_str());
-        let mut lacks = Vec::new();
-        if !is_supported {
-            let message = format!("textures of class \"{}\" are not supported", class.text);
-            lacks.push(Lack { message, place: Place::Span(name.span) });
-        }
-        if is_float {
-            let value = if is_supported { self.float_class(&class, &parameters)? } else { STAND_IN };
-            lacks.extend(self.take_texture_lacks(name.span));
-            self.textures.float.insert(name.text, Texture { value, lacks: lacks.into() });
-        } else {
-            let value = if is_supported { self.spectrum_class(&class, &parameters)? } else { [STAND_IN; 3] };
-            lacks.extend(self.take_texture_lacks(name.span));
-            self.textures.spectrum.insert(name.text, Texture { value, lacks: lacks.into() });
-        }
-        match is_supported {
-            true => self.check_unused(&parameters, &format!("texture \"{}\"", shorten(&class.text))),
-            false => Ok(()),
-        }
-    }
-
-    /// What the textures lack of which the present one is made.
-    fn take_texture_lacks(&mut self, defined: Span) -> Vec<Lack> {
-        let lack = |problem: Problem| {
-            let root = problem.notes.into_iter().next().map(|(place, _)| place);
-            Lack { message: problem.message, place: root.unwrap_or(Place::Span(defined)) }
-        };
-        std::mem::take(&mut self.pending).into_iter().map(lack).collect()
-    }
-
-    /// An error in v4; in v3 the new texture takes the name.
-    fn check_redefinition(&mut self, name: &Name, is_float: bool) -> Result<()> {
-        let known = match is_float {
-            true => self.textures.float.contains_key(&name.text),
-            false => self.textures.spectrum.contains_key(&name.text),
-        };
-        if !known {
-            return Ok(());
-        }
-        let text = format!("texture \"{}\" is defined twice", shorten(&name.text));
-        let problem = Problem::at(name.span, text);
-        if !self.dialect.is_v3() {
-            return Err(problem.label("expected a new name"));
-        }
-        self.warn(problem.label("the last one counts"));
-        Ok(())
-    }
-
-    fn float_class(&mut self, class: &Name, parameters: &Parameters) -> Result<f64> {
-        match class.text.as_str() {
-            "constant" => Ok(self.float_texture(parameters, "value")?.unwrap_or(1.0)),
-            "scale" => {
-                let (a, b) = self.scale_names(parameters);
-                let a = self.float_texture(parameters, a)?.unwrap_or(1.0);
-                Ok(a * self.float_texture(parameters, b)?.unwrap_or(1.0))
-            }
-            "mix" => {
-                let a = self.float_texture(parameters, "tex1")?.unwrap_or(0.0);
-                let b = self.float_texture(parameters, "tex2")?.unwrap_or(1.0);
-                let amount = self.float_texture(parameters, "amount")?.unwrap_or(0.5);
-                Ok((1.0 - amount) * a + amount * b)
-            }
-            _ => Err(unknown_class(class)),
-        }
-    }
-
-    fn spectrum_class(&mut self, class: &Name, parameters: &Parameters) -> Result<Rgb64> {
-        match class.text.as_str() {
-            "constant" => Ok(self.surface_spectrum(parameters, "value")?.unwrap_or([1.0; 3])),
-            "scale" => {
-                let (a, b) = self.scale_names(parameters);
-                let a = self.surface_spectrum(parameters, a)?.unwrap_or([1.0; 3]);
-                // v4's "scale" is a number, v3's tex2 a colour.
-                let b = match b {
-                    "scale" => [self.float_texture(parameters, b)?.unwrap_or(1.0); 3],
-                    _ => self.surface_spectrum(parameters, b)?.unwrap_or([1.0; 3]),
-                };
-                Ok(std::array::from_fn(|i| a[i] * b[i]))
-            }
-            "mix" => {
-                let a = self.surface_spectrum(parameters, "tex1")?.unwrap_or([0.0; 3]);
-                let b = self.surface_spectrum(parameters, "tex2")?.unwrap_or([1.0; 3]);
-                let amount = self.float_texture(parameters, "amount")?.unwrap_or(0.5);
-                Ok(std::array::from_fn(|i| (1.0 - amount) * a[i] + amount * b[i]))
-            }
-            _ => Err(unknown_class(class)),
-        }
-    }
-
-    /// v4 scales `tex` by `scale`, v3 `tex1` by `tex2`.
-    fn scale_names(&self, parameters: &Parameters) -> (&'static str, &'static str) {
-        let v3 = parameters.find("tex1").is_some() || parameters.find("tex2").is_some();
-        if v3 { ("tex1", "tex2") } else { ("tex", "scale") }
-    }
-
     /// Bump and normal maps change the picture; only a height that is constant does nothing.
     pub(super) fn refuse_bumps(&mut self, parameters: &Parameters) {
         const INSTEAD: &str = "the surface is smooth";
@@ -370,7 +250,7 @@ impl Builder {
                 continue;
             };
             let texture = parameter.strings().first().and_then(|text| self.textures.float.get(text));
-            if texture.is_none_or(|texture| !texture.lacks.is_empty()) {
+            if texture.is_none_or(|texture| !texture.lacks.is_empty() || texture.value.constant().is_none()) {
                 let problem = Problem::at(parameter.span, format!("\"{name}\" is not supported"))
                     .label("expected a surface without bumps")
                     .lacking(INSTEAD);
@@ -384,11 +264,6 @@ impl Builder {
             self.pending.push(*problem);
         }
     }
-}
-
-fn unknown_class(class: &Name) -> Box<Problem> {
-    let known: Vec<&str> = ["constant", "scale", "mix"].into_iter().chain(OTHER_CLASSES).collect();
-    unknown_kind("class of texture", class, &known)
 }
 
 fn three(parameter: &Parameter) -> Result<Rgb64> {

@@ -126,8 +126,12 @@ impl<P: Features> Pool<'_, P, Bvh8<'_>> {
         let mut shadows = ShadowQueue::new(self.paths.capacity(), self.job.plan.requirements());
         let mut shadow_runs = Vec::new();
         for &class in self.job.plan.shade_kernels() {
-            for (piece, coherent) in self.pieces(class, &sorted) {
-                self.shade(isa, class, piece);
+            let textured = self.job.scene.programs().has_class(class);
+            for (piece, coherent) in self.pieces(class, textured, &sorted) {
+                if textured {
+                    self.texture(isa, piece.clone());
+                }
+                self.shade(isa, class, textured, piece);
                 if P::LIGHTS != 0 && self.shadows.len > 0 {
                     let start = shadows.len;
                     append(&mut shadows, &self.shadows);

@@ -1,0 +1,258 @@
+//! Stage `texture`: parameters of materials that are not the same everywhere.
+//!
+//! | file | what it holds |
+//! |---|---|
+//! | this one | the stage: a row of parameters for each path on a textured material |
+//! | `table.rs` | what a scene gives: textures that refer to each other, and pictures |
+//! | `program.rs` | for each textured material, the textures that it needs in the order in which they are evaluated |
+//! | `mapping.rs` | from a point of a surface to texture coordinates |
+//! | `pattern.rs` | checks, dots, noise |
+//! | `image.rs` | pictures, and how they are looked up |
+//!
+//! A texture never reaches a kernel of a material. For each path the stage copies the row of the path's material, writes
+//! the values of its textures into the columns that they give (kept to the range of the parameter), derives what follows
+//! from them, and the kernel of the material reads that row instead of the one of the table. So every parameter of every
+//! material can be textured, and a material's file knows nothing of it.
+
+mod image;
+mod mapping;
+mod pattern;
+mod program;
+mod table;
+
+pub use image::{Encoding, Image, ImageParts, Texels, Wrap};
+pub use mapping::{Affine, Mapping};
+pub(crate) use mapping::{azimuth_turns, polar_angle};
+pub use program::Programs;
+pub use table::{Checks, Function, MAX_OCTAVES, Sampled, Solid, Texture, TextureTable};
+
+use crate::isa::{Isa, Kernel, Promise};
+use crate::lanes::{Real, Uint};
+use crate::math::Vec3;
+use crate::queue::{HitQueue, PAD, PathQueue, list_lanes};
+use crate::scene::Scene;
+use crate::scene::parametrization::coordinates;
+use crate::shade::surface::Surface;
+use program::evaluate;
+
+/// Where textures are evaluated.
+#[derive(Clone, Copy)]
+pub struct Point<F: Real> {
+    /// World position.
+    pub position: Vec3<F>,
+    /// Shading normal, unit.
+    pub normal: Vec3<F>,
+    /// Parametric coordinates of the surface.
+    pub uv: [F; 2],
+    /// Two vectors on the surface that span what a part of a pixel sees of it.
+    pub footprint: [Vec3<F>; 2],
+}
+
+/// The share of a pixel that textures are filtered over: what an image of many samples needs (pbrt-v4 stops there, too).
+const PIXEL_SHARE: f64 = 0.125;
+
+impl<F: Real> Point<F> {
+    /// The point of a surface.
+    #[inline(always)]
+    fn new(scene: &Scene, surface: &Surface<F>, uv: [F; 2]) -> Self {
+        let camera = scene.camera();
+        let to = surface.point - Vec3::splat(camera.origin());
+        // A cone from the camera, cut by the plane of the surface: v - to (v.n) / (to.n) for two vectors v across it.
+        let length2 = to.length2();
+        let share = F::lit(PIXEL_SHARE);
+        let projected = surface.normal.dot(to);
+        let cut = |step: [f32; 3]| {
+            let step = Vec3::splat(step);
+            let across = to.mul_add(-(step.dot(to) / length2), step).scale(length2.sqrt() * share);
+            to.mul_add(-(across.dot(surface.normal) / projected), across)
+        };
+        let footprint = [cut(camera.right()), cut(camera.down())];
+        Point { position: surface.point, normal: surface.shading_normal, uv, footprint }
+    }
+}
+
+/// Rows of parameters of some paths, one after the other: [`PIECE`] of them.
+#[derive(Clone, Debug, Default)]
+pub struct TexturedRows {
+    rows: Vec<f32>,
+    /// Places in the list, in the order of their programs.
+    order: Vec<u32>,
+    /// For each program, how many paths it has, and then where they go on; zeros between calls.
+    counts: Vec<u32>,
+    /// Programs of the paths.
+    programs: Vec<u32>,
+}
+
+/// Most paths at a time.
+pub const PIECE: usize = crate::queue::SHADOW_RAYS;
+
+impl TexturedRows {
+    /// Room for the materials of a scene: none if it has no textures.
+    pub fn new(scene: &Scene) -> Self {
+        let programs = scene.programs();
+        if programs.is_empty() {
+            return TexturedRows::default();
+        }
+        TexturedRows {
+            rows: vec![0.0; (PIECE + PAD) * programs.widest()],
+            order: vec![0; PIECE],
+            counts: vec![0; programs.len()],
+            programs: vec![0; PIECE],
+        }
+    }
+    /// The rows, as [`EvaluateTextures`] left them.
+    #[inline(always)]
+    pub fn rows(&self) -> &[f32] {
+        &self.rows
+    }
+    /// Bytes that a worker needs of them.
+    pub fn bytes(scene: &Scene) -> usize {
+        let rows = TexturedRows::new(scene);
+        size_of_val(&rows.rows[..]) + 4 * (rows.order.len() + rows.counts.len() + rows.programs.len())
+    }
+}
+
+/// The kernel: the rows of the paths of a list, which are on materials of one class.
+///
+/// Promise: the queues are as long as their `new` made them; `list` holds at most [`PIECE`] places of `paths`, each of
+/// which has a hit on a primitive of the scene of a class some of whose materials are textured; `rows` was made for the
+/// scene; hits have barycentric weights.
+pub struct EvaluateTextures<'a> {
+    /// Scene.
+    pub scene: &'a Scene,
+    /// Places in `paths`.
+    pub list: &'a [u32],
+    /// Paths that arrive.
+    pub paths: &'a PathQueue,
+    /// Where they arrive.
+    pub hits: &'a HitQueue,
+    /// Receives a row for each place of `list`, in its order.
+    pub rows: &'a mut TexturedRows,
+    /// See there.
+    pub promise: Promise,
+}
+
+impl Kernel for EvaluateTextures<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<I: Isa>(self, _isa: I) {
+        textures::<I::Wide>(self.scene, self.list, self.paths, self.hits, self.rows);
+    }
+}
+
+#[inline(always)]
+fn textures<F: Real>(
+    scene: &Scene,
+    list: &[u32],
+    paths: &PathQueue,
+    hits: &HitQueue,
+    to: &mut TexturedRows,
+) {
+    let programs = scene.programs();
+    let n = list.len();
+    // Paths on one material go through one program together: a counting sort, over the programs that occur.
+    let TexturedRows { rows, order, counts, programs: of_path } = to;
+    let (order, of_path) = (&mut order[..n], &mut of_path[..n]);
+    let mut first = u32::MAX;
+    let mut alike = true;
+    for (program, &place) in of_path.iter_mut().zip(list) {
+        let tag = scene.geometry().tags()[hits.primitive[place as usize] as usize];
+        *program = programs.of(scene.row_of(tag));
+        first = if first == u32::MAX { *program } else { first };
+        alike &= *program == first;
+        counts[*program as usize] += 1;
+    }
+    if alike {
+        order.iter_mut().enumerate().for_each(|(k, place)| *place = k as u32);
+        if n > 0 {
+            counts[first as usize] = 0;
+        }
+    } else {
+        let mut start = 0;
+        for &program in of_path.iter() {
+            let count = &mut counts[program as usize];
+            // The upper bit says that it is no longer a number of paths, but the place of the next one.
+            if *count & 1 << 31 == 0 {
+                let next = start + *count;
+                *count = 1 << 31 | start;
+                start = next;
+            }
+        }
+        for (k, &program) in of_path.iter().enumerate() {
+            let next = &mut counts[program as usize];
+            order[(*next & !(1 << 31)) as usize] = k as u32;
+            *next += 1;
+        }
+        for &program in of_path.iter() {
+            counts[program as usize] = 0;
+        }
+    }
+    let mut start = 0;
+    while start < n {
+        let program = of_path[order[start] as usize];
+        let mut end = start + 1;
+        while end < n && of_path[order[end] as usize] == program {
+            end += 1;
+        }
+        let group = &order[start..end];
+        let mut at = 0;
+        while at < group.len() {
+            let (position, count) = list_lanes::<F>(group, at);
+            // SAFETY: positions are below the length of the list, which holds places of paths with hits on primitives of
+            // the scene.
+            let point = unsafe {
+                let place = F::Uint::gather(list, position);
+                let real = |column: &[f32]| F::gather(column, place);
+                let primitive = F::Uint::gather(&hits.primitive, place);
+                let barycentric = (real(&hits.u), real(&hits.v));
+                let surface = Surface::new(
+                    scene.geometry(),
+                    primitive,
+                    Vec3::new(real(&paths.origin_x), real(&paths.origin_y), real(&paths.origin_z)),
+                    Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z)),
+                    real(&hits.t),
+                    || barycentric,
+                );
+                let uv = coordinates(scene.geometry(), primitive, surface.point, barycentric);
+                Point::new(scene, &surface, uv)
+            };
+            evaluate::<F>(scene, program, &point, &group[at..at + count], rows);
+            at += count;
+        }
+        start = end;
+    }
+}
+
+/// Most numbers of a row.
+pub const WIDEST: usize = 64;
+
+/// The kernel of one path: the row of a material at a point. The lane type is that of the caller.
+pub struct EvaluateOne<'a, F: Real<Uint = core::num::Wrapping<u32>>> {
+    /// Scene.
+    pub scene: &'a Scene,
+    /// Primitive that was met: of a class some of whose materials are textured.
+    pub primitive: u32,
+    /// Where.
+    pub surface: Surface<F>,
+    /// Barycentric weights of the second and third corner.
+    pub barycentric: [f32; 2],
+    /// Receives the row.
+    pub row: &'a mut [f32; WIDEST],
+}
+
+impl<F: Real<Uint = core::num::Wrapping<u32>>> Kernel for EvaluateOne<'_, F> {
+    type Output = ();
+    #[inline(always)]
+    fn run<I: Isa>(self, _isa: I) {
+        let EvaluateOne { scene, primitive, surface, barycentric: [u, v], row } = self;
+        let barycentric = (F::splat(u), F::splat(v));
+        let tag = scene.geometry().tags()[primitive as usize];
+        let program = scene.programs().of(scene.row_of(tag));
+        // SAFETY: the tag exists, so the primitive does.
+        let uv = unsafe {
+            coordinates(scene.geometry(), F::Uint::splat(primitive), surface.point, barycentric)
+        };
+        evaluate::<F>(scene, program, &Point::new(scene, &surface, uv), &[0], row);
+    }
+}
+

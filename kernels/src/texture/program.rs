@@ -1,0 +1,333 @@
+//! What is done for a path on a textured material: which textures are evaluated, in which order, and where their values
+//! go.
+//!
+//! A program is a list of steps over a few registers, a colour a lane each. Textures that several others use are
+//! evaluated once; a register is free again once its value was used for the last time.
+
+use super::Point;
+use super::image::{Lookup, sample};
+use super::mapping::floor;
+use super::pattern::{in_dot, is_first, log2, solid};
+use super::table::{Function, Texture, TextureTable};
+use crate::lanes::{Real, map3};
+use crate::math::{Rgb, Vec3};
+use crate::scene::{BuildError, Scene};
+use crate::shade::materials::{MaterialClass, MaterialTable};
+use crate::shade::parameters::{Range, TextureId};
+
+/// Values that can be kept at a time.
+const REGISTERS: usize = 16;
+
+/// A step.
+#[derive(Clone, Copy, Debug)]
+enum Step {
+    /// Evaluates a texture.
+    Evaluate { texture: u32, inputs: [u8; 3], output: u8 },
+    /// Writes a value into columns of the row, kept to the range of the parameter.
+    Store { register: u8, column: u32, width: u32, range: Range },
+}
+
+/// The steps of a material.
+#[derive(Clone, Debug)]
+struct Program {
+    steps: core::ops::Range<usize>,
+    /// The row of the material: what its textures do not give.
+    row: usize,
+    width: usize,
+    /// Computes the columns that follow from others.
+    derive: Option<fn(&mut [f32])>,
+}
+
+/// The programs of all materials of the classes some of whose materials are textured.
+#[derive(Clone, Debug, Default)]
+pub struct Programs {
+    steps: Vec<Step>,
+    programs: Vec<Program>,
+    /// Number of the program of each row, by the place of its first number; none without textures.
+    of_row: Vec<u32>,
+    classes: [bool; MaterialClass::COUNT],
+    widest: usize,
+}
+
+impl Programs {
+    /// The programs of a scene.
+    ///
+    /// # Errors
+    /// If a material refers to a texture that does not exist, or one needs more values at a time than there is room for.
+    pub(crate) fn new(materials: &MaterialTable, textures: &TextureTable) -> Result<Self, BuildError> {
+        let mut programs = Programs::default();
+        for (handle, columns) in materials.textured() {
+            for column in columns {
+                let (found, exist) = (column.texture.0 as usize, textures.textures().len());
+                crate::scene::exists("material at row", handle.row as usize, "texture", found, exist)?;
+            }
+            programs.classes[handle.class as usize] |= !columns.is_empty();
+        }
+        if !programs.classes.contains(&true) {
+            return Ok(programs);
+        }
+        programs.of_row = vec![u32::MAX; materials.numbers()];
+        for (handle, columns) in materials.textured() {
+            if !programs.classes[handle.class as usize] {
+                continue;
+            }
+            let first = programs.steps.len();
+            let mut compiler = Compiler::new(textures, columns.iter().map(|column| column.texture));
+            for column in columns {
+                let register = compiler.value(column.texture, &mut programs.steps)?;
+                let (column, width, range) = (column.column, column.width, column.range);
+                programs.steps.push(Step::Store { register, column, width, range });
+            }
+            programs.of_row[handle.row as usize] = programs.programs.len() as u32;
+            let width = handle.class.width();
+            programs.widest = programs.widest.max(width);
+            programs.programs.push(Program {
+                steps: first..programs.steps.len(),
+                row: handle.row as usize,
+                width,
+                derive: if columns.is_empty() { None } else { handle.class.derive() },
+            });
+        }
+        Ok(programs)
+    }
+
+    /// None: the scene has no textures?
+    pub fn is_empty(&self) -> bool {
+        self.programs.is_empty()
+    }
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.programs.len()
+    }
+    /// Are some materials of this class textured?
+    #[inline(always)]
+    pub fn has_class(&self, class: MaterialClass) -> bool {
+        self.classes[class as usize]
+    }
+    /// Numbers of the longest row.
+    pub fn widest(&self) -> usize {
+        self.widest
+    }
+    /// The program of a row.
+    #[inline(always)]
+    pub(super) fn of(&self, row: u32) -> u32 {
+        self.of_row[row as usize]
+    }
+}
+
+/// Turns textures into steps.
+struct Compiler<'a> {
+    textures: &'a TextureTable,
+    /// For each texture that is needed: how often it will still be used, and its register, once it has one.
+    uses: std::collections::HashMap<u32, u32>,
+    registers: std::collections::HashMap<u32, u8>,
+    free: Vec<u8>,
+}
+
+impl<'a> Compiler<'a> {
+    fn new(textures: &'a TextureTable, roots: impl Iterator<Item = TextureId>) -> Self {
+        let mut uses = std::collections::HashMap::new();
+        let mut waiting: Vec<u32> = Vec::new();
+        let mut seen = std::collections::HashSet::new();
+        for TextureId(root) in roots {
+            *uses.entry(root).or_insert(0) += 1;
+            waiting.push(root);
+            while let Some(id) = waiting.pop() {
+                if !seen.insert(id) {
+                    continue;
+                }
+                for TextureId(input) in textures.textures()[id as usize].inputs() {
+                    *uses.entry(input).or_insert(0) += 1;
+                    waiting.push(input);
+                }
+            }
+        }
+        Compiler {
+            textures,
+            uses,
+            registers: std::collections::HashMap::new(),
+            free: (0..REGISTERS as u8).rev().collect(),
+        }
+    }
+
+    /// Appends the steps that evaluate a texture, and returns the register in which its value is for the use that asks.
+    fn value(&mut self, TextureId(root): TextureId, steps: &mut Vec<Step>) -> Result<u8, BuildError> {
+        let mut waiting = vec![root];
+        while let Some(&id) = waiting.last() {
+            if self.registers.contains_key(&id) {
+                waiting.pop();
+                continue;
+            }
+            let texture = &self.textures.textures()[id as usize];
+            let missing: Vec<u32> = texture
+                .inputs()
+                .map(|TextureId(input)| input)
+                .filter(|input| !self.registers.contains_key(input))
+                .collect();
+            if !missing.is_empty() {
+                waiting.extend(missing);
+                continue;
+            }
+            waiting.pop();
+            let mut inputs = [0; 3];
+            for (register, TextureId(input)) in inputs.iter_mut().zip(texture.inputs()) {
+                *register = self.registers[&input];
+            }
+            // The value may take the place of one that it is made of.
+            for TextureId(input) in texture.inputs() {
+                self.used(input);
+            }
+            let Some(output) = self.free.pop() else {
+                return Err(BuildError::TooMany {
+                    what: "values that a texture is made of at a time",
+                    found: REGISTERS + 1,
+                    limit: REGISTERS,
+                });
+            };
+            self.registers.insert(id, output);
+            steps.push(Step::Evaluate { texture: id, inputs, output });
+        }
+        let register = self.registers[&root];
+        self.used(root);
+        Ok(register)
+    }
+
+    /// A value was used; it is forgotten if that was the last time.
+    fn used(&mut self, id: u32) {
+        let left = self.uses.get_mut(&id).expect("it was counted");
+        *left -= 1;
+        if *left == 0 {
+            let register = self.registers.remove(&id).expect("it has a value");
+            self.free.push(register);
+        }
+    }
+}
+
+/// Writes the rows of a program at some points: lane `i` to the row of number `positions[i]`.
+#[inline(always)]
+pub(super) fn evaluate<F: Real>(
+    scene: &Scene,
+    program: u32,
+    at: &Point<F>,
+    positions: &[u32],
+    rows: &mut [f32],
+) {
+    let (programs, table) = (scene.programs(), scene.textures());
+    let Program { steps, row, width, derive } = &programs.programs[program as usize];
+    let width = *width;
+    let constant = &scene.materials().rows()[*row..*row + width];
+    for &position in positions {
+        let first = position as usize * width;
+        rows[first..first + width].copy_from_slice(constant);
+    }
+    let mut registers = [Rgb::<F>::zero(); REGISTERS];
+    for step in &programs.steps[steps.clone()] {
+        match *step {
+            Step::Evaluate { texture, inputs, output } => {
+                let inputs = map3!(inputs, |i| registers[i as usize % REGISTERS]);
+                let texture = &table.textures()[texture as usize];
+                registers[output as usize % REGISTERS] = texture_at(table, texture, inputs, at);
+            }
+            Step::Store { register, column, width: numbers, range } => {
+                let value = registers[register as usize % REGISTERS];
+                let (least, most) = (F::splat(range.least), F::splat(range.most));
+                let channels = [value.r, value.g, value.b];
+                for (channel, value) in channels.iter().enumerate().take(numbers as usize) {
+                    // A number that is none becomes the least.
+                    let value = value.max(least).min(most).to_array();
+                    let column = column as usize + channel;
+                    for (lane, &position) in positions.iter().enumerate() {
+                        rows[position as usize * width + column] = value[lane];
+                    }
+                }
+            }
+        }
+    }
+    if let Some(derive) = derive {
+        for &position in positions {
+            let first = position as usize * width;
+            derive(&mut rows[first..first + width]);
+        }
+    }
+}
+
+/// `a (1 - t) + b t`.
+#[inline(always)]
+fn mix<F: Real>(a: Rgb<F>, b: Rgb<F>, t: F) -> Rgb<F> {
+    let rest = F::one() - t;
+    Rgb::new(
+        a.r.mul_add(rest, b.r * t),
+        a.g.mul_add(rest, b.g * t),
+        a.b.mul_add(rest, b.b * t),
+    )
+}
+
+/// The value of a texture whose inputs are known.
+#[inline(always)]
+fn texture_at<F: Real>(
+    table: &TextureTable,
+    texture: &Texture,
+    [a, b, c]: [Rgb<F>; 3],
+    at: &Point<F>,
+) -> Rgb<F> {
+    match texture {
+        Texture::Constant(value) => Rgb::splat(*value),
+        Texture::Product(..) => a * b,
+        Texture::Mix { .. } => mix(a, b, c.r),
+        Texture::DirectionMix { direction, .. } => {
+            mix(b, a, at.normal.dot(Vec3::splat(*direction)).abs())
+        }
+        Texture::Checkerboard { checks, .. } => Rgb::select(is_first(checks, at), a, b),
+        Texture::Dots { mapping, .. } => Rgb::select(in_dot(mapping.map(at)), a, b),
+        Texture::Bilerp { mapping, corners } => {
+            let [s, t] = mapping.map(at);
+            let [v00, v01, v10, v11] = corners;
+            mix(
+                mix(Rgb::splat(*v00), Rgb::splat(*v01), t),
+                mix(Rgb::splat(*v10), Rgb::splat(*v11), t),
+                s,
+            )
+        }
+        Texture::Uv { mapping } => {
+            let [s, t] = mapping.map(at);
+            Rgb::new(s - floor(s), t - floor(t), F::zero())
+        }
+        Texture::Image(sampled) => {
+            let lookup =
+                Lookup { wrap: sampled.wrap, nearest: sampled.nearest, one_number: sampled.one_number };
+            let image = &table.images()[sampled.image as usize];
+            let value = sample(image, lookup, sampled.mapping.map(at)).scale(F::splat(sampled.scale));
+            if sampled.invert {
+                let rest = map3!([value.r, value.g, value.b], |x| (F::one() - x).max(F::zero()));
+                Rgb::new(rest[0], rest[1], rest[2])
+            } else {
+                value
+            }
+        }
+        Texture::Solid { solid: which, texture_from_world } => solid(which, texture_from_world, at),
+        Texture::Apply(function, _) => {
+            let [r, g, b] = map3!([a.r, a.g, a.b], |x| apply(*function, x));
+            Rgb::new(r, g, b)
+        }
+    }
+}
+
+#[inline(always)]
+fn apply<F: Real>(function: Function, x: F) -> F {
+    let (zero, one) = (F::zero(), F::one());
+    match function {
+        Function::SquareRoot => x.max(zero).sqrt(),
+        Function::AlphaV3 => {
+            let x = log2(x.max(F::lit(1e-3))) * F::lit(core::f64::consts::LN_2);
+            x.mul_add(F::lit(0.000_640_711), F::lit(0.017_120_1))
+                .mul_add(x, F::lit(0.1734))
+                .mul_add(x, F::lit(0.819_955))
+                .mul_add(x, F::lit(1.621_42))
+        }
+        Function::AbsorptionOfReflectance => {
+            let r = x.max(zero).min(F::lit(0.9999));
+            F::lit(2.0) * (r / (one - r)).sqrt()
+        }
+        Function::Unit => x.max(zero).min(one),
+    }
+}
