@@ -54,6 +54,28 @@ const BALLS: &str = r#"
         Shape "plymesh" "string filename" "meshes/block.ply" AttributeEnd
 "#;
 
+/// Textures of every kind for parameters of several materials, relief and what is not everywhere there.
+const TEXTURED: &str = r#"
+    Texture "checks" "spectrum" "checkerboard" "float uscale" 6 "float vscale" 6 "rgb tex1" [ .1 .2 .3 ]
+    Texture "solid" "spectrum" "checkerboard" "integer dimension" 3 "texture tex1" "checks" "rgb tex2" [ .9 .5 .1 ]
+    Texture "noise" "float" "fbm" Texture "wrinkles" "float" "wrinkled" Texture "wind" "float" "windy"
+    Texture "veins" "spectrum" "marble" "float scale" 3
+    Texture "dots" "float" "dots" "float uscale" 8 "float vscale" 8
+    Texture "ramp" "spectrum" "bilerp" "string mapping" "spherical" "rgb v00" [ .8 .1 .1 ]
+    Texture "low" "float" "scale" "texture tex" "noise" "float scale" .1
+    Texture "mixed" "spectrum" "mix" "texture tex1" "veins" "texture tex2" "solid" "texture amount" "wrinkles"
+    Texture "turned" "spectrum" "directionmix" "texture tex1" "mixed" "texture tex2" "ramp"
+    Texture "degrees" "float" "scale" "texture tex" "wind" "float scale" 60
+    Material "diffuse" "texture reflectance" "solid" "texture sigma" "degrees"
+    Shape "trianglemesh" "integer indices" [ 0 1 2 0 2 3 ] "point3 P" [ -6 0 -6  -6 0 6  6 0 6  6 0 -6 ]
+    Material "diffuse" "texture reflectance" "turned" "texture displacement" "low"
+    AttributeBegin Translate -3 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Translate -1 .5 0 Shape "cylinder" "float radius" .4 AttributeEnd
+    Material "diffusetransmission" "texture reflectance" "checks" "texture transmittance" "ramp"
+    AttributeBegin Translate 1 .5 0 Shape "sphere" "float radius" .5 "texture alpha" "dots" AttributeEnd
+    AttributeBegin Translate 3 .5 0 Rotate 90 1 0 0 Shape "disk" "float radius" .7 "float alpha" .5 AttributeEnd
+"#;
+
 /// Every kind of light.
 const LIGHTS: &str = r#"
     LightSource "infinite" "rgb L" [ .1 .12 .2 ]
@@ -94,6 +116,8 @@ fn all_scenes() -> Vec<(&'static str, SceneDescription)> {
         ("nothing at all", VIEW.to_string()),
         ("no triangles", format!("{VIEW}{LAMP}Material \"diffuse\" Shape \"sphere\"")),
         ("lamp alone", format!("{VIEW}{LAMP}")),
+        ("textures", format!("{VIEW}{LIGHTS}{TEXTURED}")),
+        ("textures, sky only", format!("{VIEW}{sky}{TEXTURED}")),
     ];
     let mut scenes: Vec<_> = texts.iter().map(|(name, text)| (*name, scene(text))).collect();
     for name in [
@@ -410,7 +434,7 @@ fn a_time_limit_gives_every_pixel_a_sample() {
 /// workers had; the slack is for clocks.
 #[test]
 fn stages_add_up() {
-    let scene = sized(everything(), 64, 48);
+    let scene = sized(scene(&format!("{VIEW}{LIGHTS}{FLOOR}{BALLS}{TEXTURED}")), 64, 48);
     for engine in ENGINES {
         for threads in [1, 2] {
             let rendered = Render { engine, threads, spp: Some(32), ..Render::default() }.of(&scene);

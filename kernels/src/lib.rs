@@ -11,6 +11,7 @@
 //! | [`channels`] | what a film holds of each pixel, and what fills it at a first hit |
 //! | [`generate`] | stage: camera rays |
 //! | [`intersect`] | stage: closest hits |
+//! | [`cutout`] | surfaces that are not everywhere there |
 //! | [`material_sort`] | stage: index lists by material |
 //! | [`mod@shade`] | stage: one kernel a material; light that paths find by themselves |
 //! | [`mod@texture`] | stage: parameters of materials that are not the same everywhere |
@@ -24,6 +25,7 @@
 #![allow(clippy::too_many_arguments)]
 
 pub mod channels;
+pub mod cutout;
 pub mod generate;
 mod huge;
 pub mod intersect;

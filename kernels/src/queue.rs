@@ -36,8 +36,10 @@ pub struct Requirements {
     pub transmission: bool,
     /// There are vertex normals.
     pub smooth_normals: bool,
-    /// There are textures.
+    /// There are textured materials.
     pub textures: bool,
+    /// There are shapes with an opacity.
+    pub cutouts: bool,
     /// See [`Needs::LightSampling`].
     pub light_sampling: bool,
     /// See [`Needs::FilterWeights`].
@@ -54,7 +56,7 @@ impl Requirements {
         match need {
             Needs::Always => true,
             Needs::Transmission => self.transmission,
-            Needs::Barycentric => self.smooth_normals || self.textures,
+            Needs::Barycentric => self.smooth_normals || self.textures || self.cutouts,
             Needs::LightSampling => self.light_sampling,
             Needs::FilterWeights => self.filter_weights,
             Needs::Instances => self.instances,

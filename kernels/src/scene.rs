@@ -14,16 +14,16 @@ pub use camera::{Camera, CameraParts, Lens};
 pub use error::BuildError;
 pub use filter::{Filter, FilterAxis};
 pub use geometry::{Geometry, GeometryParts};
-pub use parametrization::{Along, Parametrization};
+pub use parametrization::{Along, Opacity, Parametrization};
 pub use rows::NoRow;
 
 pub use crate::shade::materials::{MaterialClass, MaterialHandle, MaterialTable};
 
 use crate::queue::MAX_DEPTH;
-use core::sync::atomic::{AtomicU64, Ordering};
 use crate::texture::{Programs, TextureTable};
-pub(crate) use error::{exists, finite};
+use core::sync::atomic::{AtomicU64, Ordering};
 use error::not_negative;
+pub(crate) use error::{exists, finite};
 
 /// What a primitive is made of, in 32 bits: class (6 bits), emitting or not (1 bit), and the number of its light if it
 /// emits, the row of its material otherwise (25 bits).
@@ -140,7 +140,7 @@ impl Scene {
             let (found, limit) = (parts.max_depth as usize, MAX_DEPTH as usize);
             return Err(BuildError::TooMany { what: "bounces", found, limit });
         }
-        let programs = Programs::new(materials, &parts.textures)?;
+        let programs = Programs::new(materials, geometry.opacities(), &parts.textures)?;
         Ok(Scene { parts, programs, id: SceneId(NEXT.fetch_add(1, Ordering::Relaxed)) })
     }
     /// Tells it from others.

@@ -8,11 +8,11 @@ use wavepath_kernels::scene::lights::{
     SphereRow, StretchedSpotRow, fade, goniometric, kind,
 };
 use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart, polar_angle};
+use wavepath_kernels::scene::{Along, Parametrization};
 use wavepath_kernels::scene::{
     Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, Lens, MaterialHandle, MaterialTable,
     NoRow, PrimitiveTag, Scene, SceneParts,
 };
-use wavepath_kernels::scene::{Along, Parametrization};
 use wavepath_kernels::shade::materials as m;
 use wavepath_kernels::texture::TextureTable;
 
@@ -87,6 +87,7 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
         lights: LightList::default(),
         lamp_power: 0.0,
         textured: Vec::new(),
+        cutouts: false,
     };
     check(description)?;
     builder.check_size()?;
@@ -208,6 +209,8 @@ struct Builder<'a> {
     lamp_power: f64,
     /// For each material, whether it is textured; empty if none is.
     textured: Vec<bool>,
+    /// Some shapes are not everywhere there.
+    cutouts: bool,
 }
 
 /// The scale of a transform that keeps angles, if it is one.
@@ -255,16 +258,23 @@ impl Builder<'_> {
             let handle = self.material(number as u32, *material)?;
             self.built.push(handle);
         }
+        for (material, relief) in &self.description.reliefs {
+            if let Some(handle) = self.built.get(material.0 as usize) {
+                self.materials.set_relief(*handle, *relief);
+            }
+        }
         let textured: Vec<MaterialHandle> = self
             .materials
             .textured()
             .filter(|(_, columns)| !columns.is_empty())
             .map(|(handle, _)| handle)
+            .chain(self.materials.reliefs().iter().map(|(handle, _)| *handle))
             .collect();
-        if !textured.is_empty() {
+        self.cutouts = self.description.shapes.iter().any(|shape| shape.opacity.is_some());
+        if !textured.is_empty() || self.cutouts {
             self.textured = self.built.iter().map(|handle| textured.contains(handle)).collect();
             // Number 0: triangles without coordinates of their own.
-            self.geometry.parametrizations.push(Parametrization::Corners);
+            self.parametrization(Parametrization::Corners, None);
         }
         Ok(())
     }
@@ -274,8 +284,24 @@ impl Builder<'_> {
         !self.textured.is_empty()
     }
 
+    /// Adds where coordinates come from, and how much is there of what has them.
+    fn parametrization(&mut self, parametrization: Parametrization, opacity: Option<d::Opacity>) -> u32 {
+        self.geometry.parametrizations.push(parametrization);
+        if self.cutouts {
+            self.geometry.opacities.push(opacity);
+        }
+        self.geometry.parametrizations.len() as u32 - 1
+    }
+
     /// Coordinates of something round: `turns` once around, and v from 0 to 1 as what it measures goes between these.
-    fn round(&mut self, world: &DAffine3, phi_max: f64, along: Along, [zero, one]: [f64; 2]) {
+    fn round(
+        &mut self,
+        shape: &d::Shape,
+        world: &DAffine3,
+        phi_max: f64,
+        along: Along,
+        [zero, one]: [f64; 2],
+    ) {
         if !self.has_textures() {
             return;
         }
@@ -290,8 +316,8 @@ impl Builder<'_> {
             zero: zero as f32,
             one: one as f32,
         };
-        self.geometry.parametrization_of.push(self.geometry.parametrizations.len() as u32);
-        self.geometry.parametrizations.push(parametrization);
+        let number = self.parametrization(parametrization, shape.opacity);
+        self.geometry.parametrization_of.push(number);
     }
 
     /// Adds a material to the table: the simplest one that does what the description says.
@@ -370,7 +396,8 @@ impl Builder<'_> {
         let mut first_vertex: Vec<Option<u32>> = vec![None; description.meshes.len()];
         let mut first_normal = vec![0u32; description.meshes.len()];
         // And coordinates, of those that a textured shape shows.
-        let mut parametrization: Vec<Option<u32>> = vec![None; description.meshes.len()];
+        let mut first_uv: Vec<Option<u32>> = vec![None; description.meshes.len()];
+        let mut numbers = std::collections::HashMap::new();
         for (shape, id) in ordered {
             let mesh = &description.meshes[id];
             let first = *first_vertex[id].get_or_insert_with(|| {
@@ -381,15 +408,25 @@ impl Builder<'_> {
                 first
             });
             if self.has_textures() {
-                let mut number = 0;
-                if !mesh.uvs.is_empty() && self.textured[shape.material.0 as usize] {
-                    number = *parametrization[id].get_or_insert_with(|| {
-                        let offset = (self.geometry.uvs.len() as u32).wrapping_sub(first);
+                let textured = self.textured[shape.material.0 as usize] || shape.opacity.is_some();
+                let offset = (!mesh.uvs.is_empty() && textured).then(|| {
+                    let first_uv = *first_uv[id].get_or_insert_with(|| {
+                        let first_uv = self.geometry.uvs.len() as u32;
                         self.geometry.uvs.extend(&mesh.uvs);
-                        self.geometry.parametrizations.push(Parametrization::Vertices { offset });
-                        self.geometry.parametrizations.len() as u32 - 1
+                        first_uv
                     });
-                }
+                    first_uv.wrapping_sub(first)
+                });
+                let number = match (offset, shape.opacity) {
+                    (None, None) => 0,
+                    key => *numbers.entry(key).or_insert_with(|| {
+                        let parametrization = match offset {
+                            None => Parametrization::Corners,
+                            Some(offset) => Parametrization::Vertices { offset },
+                        };
+                        self.parametrization(parametrization, shape.opacity)
+                    }),
+                };
                 let of = &mut self.geometry.parametrization_of;
                 of.resize(of.len() + mesh.triangles.len(), number);
             }
@@ -460,7 +497,7 @@ impl Builder<'_> {
         for shape in &self.description.shapes {
             let Some((centre, radius)) = Self::whole_sphere(&shape.geometry) else { continue };
             if let d::Geometry::Sphere { world_from_object, .. } = &shape.geometry {
-                self.round(world_from_object, 360.0, Along::Polar, [std::f64::consts::PI, 0.0]);
+                self.round(shape, world_from_object, 360.0, Along::Polar, [std::f64::consts::PI, 0.0]);
             }
             let signed = if shape.flip_normal { -radius } else { radius };
             let c = centre.as_vec3();
@@ -489,20 +526,21 @@ impl Builder<'_> {
                 d::Geometry::Sphere { .. } if Self::whole_sphere(&shape.geometry).is_some() => continue,
                 d::Geometry::Sphere { world_from_object, radius, z_min, z_max, phi_max } => {
                     let range = [z_min, z_max].map(|z| polar_angle(z, radius));
-                    self.round(&world_from_object, phi_max, Along::Polar, range);
+                    self.round(shape, &world_from_object, phi_max, Along::Polar, range);
                     let phi_max = phi_max.to_radians();
                     let [radius, z_min, z_max, phi_max] = [radius, z_min, z_max, phi_max].map(|x| x as f32);
                     (world_from_object, QuadricForm::Sphere(SpherePart { radius, z_min, z_max, phi_max }))
                 }
                 d::Geometry::Disk { world_from_object, height, radius, inner_radius, phi_max } => {
-                    self.round(&world_from_object, phi_max, Along::Radius, [radius, inner_radius]);
+                    let range = [radius, inner_radius];
+                    self.round(shape, &world_from_object, phi_max, Along::Radius, range);
                     let phi_max = phi_max.to_radians();
                     let [height, radius, inner_radius, phi_max] =
                         [height, radius, inner_radius, phi_max].map(|x| x as f32);
                     (world_from_object, QuadricForm::Disk(Disk { height, radius, inner_radius, phi_max }))
                 }
                 d::Geometry::Cylinder { world_from_object, radius, z_min, z_max, phi_max } => {
-                    self.round(&world_from_object, phi_max, Along::Height, [z_min, z_max]);
+                    self.round(shape, &world_from_object, phi_max, Along::Height, [z_min, z_max]);
                     let phi_max = phi_max.to_radians();
                     let [radius, z_min, z_max, phi_max] = [radius, z_min, z_max, phi_max].map(|x| x as f32);
                     (world_from_object, QuadricForm::Cylinder(Cylinder { radius, z_min, z_max, phi_max }))

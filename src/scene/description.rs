@@ -9,6 +9,8 @@ use glam::{DAffine3, DMat3, DVec3};
 use std::sync::Arc;
 use wavepath_engine::SamplerKind;
 use wavepath_engine::film::Frame;
+pub use wavepath_kernels::scene::Opacity;
+pub use wavepath_kernels::shade::materials::Relief;
 pub use wavepath_kernels::shade::parameters::{Parameter, TextureId};
 use wavepath_kernels::texture::{Image, Texture};
 
@@ -46,6 +48,8 @@ pub struct SceneDescription {
     pub textures: Vec<Texture>,
     /// Pictures that textures refer to.
     pub images: Vec<Arc<Image>>,
+    /// What turns the normals of some of the materials.
+    pub reliefs: Vec<(MaterialId, Relief)>,
     /// Lights without a surface. Emitting surfaces are [`Shape::emission`].
     pub lights: Vec<Light>,
 }
@@ -64,6 +68,7 @@ impl Default for SceneDescription {
             materials: Vec::new(),
             textures: Vec::new(),
             images: Vec::new(),
+            reliefs: Vec::new(),
             lights: Vec::new(),
         }
     }
@@ -84,13 +89,13 @@ impl SceneDescription {
 
     /// Adds a surface that reflects.
     pub fn add_shape(&mut self, geometry: Geometry, material: MaterialId) {
-        self.shapes.push(Shape { geometry, material, emission: None, flip_normal: false });
+        self.shapes.push(Shape { geometry, material, emission: None, flip_normal: false, opacity: None });
     }
 
     /// Adds a surface that emits `radiance` on the side of its normal.
     pub fn add_lamp(&mut self, geometry: Geometry, material: MaterialId, radiance: Rgb) {
         let emission = Some(Emission { radiance, power: None, two_sided: false });
-        self.shapes.push(Shape { geometry, material, emission, flip_normal: false });
+        self.shapes.push(Shape { geometry, material, emission, flip_normal: false, opacity: None });
     }
 }
 
@@ -303,6 +308,8 @@ pub struct Shape {
     /// For a mesh, the reader has already applied the transform's handedness to the winding's meaning: the normal
     /// is `cross(p1 - p0, p2 - p0)` of the world-space positions, negated when this is set.
     pub flip_normal: bool,
+    /// How much of it is there, if not everything.
+    pub opacity: Option<Opacity>,
 }
 
 /// Light emitted by a surface, the same in all directions on the side of its normal.

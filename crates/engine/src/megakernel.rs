@@ -7,6 +7,7 @@ use super::{Job, Tree, add_to_film};
 use crate::film::BlockSums;
 use std::marker::PhantomData;
 use wavepath_kernels::channels::{Channel, FirstHit, MOST_COMPONENTS, NOTHING, Values, fill_first_hit};
+use wavepath_kernels::cutout::{Blocked, Pass, Seen};
 use wavepath_kernels::generate::camera_ray;
 use wavepath_kernels::intersect::{Accelerator, Hit, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
@@ -18,8 +19,8 @@ use wavepath_kernels::sampler::{Stream, stream_seed};
 use wavepath_kernels::scene::{PrimitiveTag, Scene};
 use wavepath_kernels::shade::emission::emitted;
 use wavepath_kernels::shade::materials::{ForMaterial, Material};
-use wavepath_kernels::shade::surface::Surface;
 use wavepath_kernels::shade::parameters::Parameters;
+use wavepath_kernels::shade::surface::Surface;
 use wavepath_kernels::shade::{Features, Scattered, Vertex, material_of, scatter};
 use wavepath_kernels::texture::{EvaluateOne, WIDEST};
 
@@ -164,6 +165,7 @@ fn trace<I: Isa, P: Features>(
     let mut pdf = I::One::zero();
     let mut radiance = [0.0f32; 3];
     let mut row = [0.0; WIDEST];
+    let cutouts = !scene.geometry().opacities().is_empty();
     let mut add = |light: Rgb<I::One>| {
         for (sum, x) in radiance.iter_mut().zip(light.lane(0)) {
             *sum += x;
@@ -171,7 +173,21 @@ fn trace<I: Isa, P: Features>(
     };
     stats.camera_rays += 1;
     for depth in 0.. {
-        let hit = tree.closest(isa, origin.lane(0), direction.lane(0), stack);
+        let mut hit = tree.closest(isa, origin.lane(0), direction.lane(0), stack);
+        if cutouts {
+            let (origin, direction) = (origin.lane(0), direction.lane(0));
+            let (distance, seen) = (f32::INFINITY, Seen::ByPaths);
+            hit = isa.run(Pass {
+                scene,
+                accelerator: tree,
+                origin,
+                direction,
+                hit,
+                distance,
+                seen,
+                stack: &mut *stack,
+            });
+        }
         if depth == 0 {
             channels.fill(direction, hit);
         }
@@ -184,7 +200,7 @@ fn trace<I: Isa, P: Features>(
         let uint = <<I as Isa>::One as Real>::Uint::splat;
         let tag = scene.geometry().tags()[hit.primitive as usize];
         // SAFETY: the primitive was hit, so it exists.
-        let surface = unsafe {
+        let mut surface = unsafe {
             Surface::new(scene.geometry(), uint(hit.primitive), origin, direction, splat(hit.t), || {
                 (splat(hit.u), splat(hit.v))
             })
@@ -211,7 +227,8 @@ fn trace<I: Isa, P: Features>(
         if textured {
             let barycentric = [hit.u, hit.v];
             let primitive = hit.primitive;
-            isa.run(EvaluateOne { scene, primitive, surface, barycentric, row: &mut row });
+            surface.shading_normal =
+                isa.run(EvaluateOne { scene, primitive, surface, barycentric, row: &mut row });
         }
         let textured = textured.then_some(&row[..]);
         let step = Step::<_, P> { scene, tag, textured, vertex: &vertex, features: PhantomData };
@@ -220,7 +237,12 @@ fn trace<I: Isa, P: Features>(
             stats.shadow_rays += 1;
             let (origin, direction) = (next.shadow.origin.lane(0), next.shadow.direction.lane(0));
             let distance = next.shadow.distance.to_array()[0];
-            let blocked = tree.occluded(isa, origin, direction, distance, stack);
+            let blocked = if cutouts {
+                let accelerator = tree;
+                isa.run(Blocked { scene, accelerator, origin, direction, distance, stack: &mut *stack })
+            } else {
+                tree.occluded(isa, origin, direction, distance, stack)
+            };
             if !blocked {
                 add(next.shadow.radiance);
             }

@@ -125,6 +125,7 @@ impl Plan {
         let requirements = Requirements {
             transmission: shade_kernels.iter().any(|c| c.scales_radiance()),
             smooth_normals: geometry.smooth_triangles() > 0,
+            cutouts: !geometry.opacities().is_empty(),
             textures: shade_kernels.iter().any(|&class| scene.programs().has_class(class)),
             light_sampling: light_kinds != 0,
             filter_weights: scene.camera().filter().has_negative_lobes(),
@@ -160,6 +161,12 @@ impl Plan {
                     bytes: size_of::<f32>() * scene.programs().widest(),
                     present: requirements.textures,
                     holds: "parameters of a textured material at the point",
+                }])
+                .chain([PlannedColumn {
+                    name: "row (some).normal".into(),
+                    bytes: 3 * size_of::<f32>(),
+                    present: requirements.textures && scene.programs().have_reliefs(),
+                    holds: "shading normal, where textures turn some",
                 }])
                 .chain(all_channel_columns().map(|(_, name, holds)| PlannedColumn {
                     name,
@@ -206,6 +213,7 @@ impl Plan {
             transmission: true,
             smooth_normals: true,
             textures: plan.requirements.textures,
+            cutouts: plan.requirements.cutouts,
             light_sampling: lit,
             filter_weights: true,
             instances: false,
@@ -250,9 +258,16 @@ impl Plan {
                 p.quadrics > 0,
                 counted(p.quadrics, "disks, clipped or stretched spheres"),
             ),
+            part(
+                "cutout",
+                self.requirements.cutouts,
+                (if self.requirements.cutouts { "shapes with an opacity" } else { "everything is there" })
+                    .into(),
+            ),
             part("material_sort", true, format!("{} lists", self.shade_kernels.len() + 2)),
             part("texture", self.requirements.textures, {
-                let materials = scene.materials().textured().filter(|(_, columns)| !columns.is_empty()).count();
+                let textured = scene.materials().textured().filter(|(_, columns)| !columns.is_empty());
+                let materials = textured.count().max(scene.materials().reliefs().len());
                 match (materials, scene.textures().images().len()) {
                     (0, _) => "no textured materials".into(),
                     (n, pictures) => format!("{n} textured materials, {}", counted(pictures, "pictures")),

@@ -10,6 +10,7 @@ use crate::film::BlockSums;
 use std::marker::PhantomData;
 use std::ops::Range;
 use wavepath_kernels::channels::{ChannelTable, FirstHits};
+use wavepath_kernels::cutout::{PassAll, ShadowsPast};
 use wavepath_kernels::generate::{Batch, Generate};
 use wavepath_kernels::intersect::{Accelerator, Intersect, RayClass, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel, Promise};
@@ -250,12 +251,22 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             accelerator: self.accelerator,
             traversal: self.job.policy.pick(self.accelerator, class),
             paths: &self.paths,
-            range,
+            range: range.clone(),
             hits: &mut self.hits,
             stack: &mut self.stack,
             // Behind the free slots there is room for a number a path.
             order: &mut self.order.list[self.free..],
         });
+        if self.job.plan.requirements().cutouts {
+            isa.run(PassAll {
+                scene: self.job.scene,
+                accelerator: self.accelerator,
+                paths: &self.paths,
+                range,
+                hits: &mut self.hits,
+                stack: &mut self.stack,
+            });
+        }
     }
 
     /// The channels of paths that come from the camera.
@@ -349,6 +360,16 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
 
     fn light_sample<I: Isa>(&mut self, isa: I, class: RayClass) {
         self.stats.shadow_rays += self.shadows.len as u64;
+        if self.job.plan.requirements().cutouts {
+            isa.run(ShadowsPast {
+                scene: self.job.scene,
+                accelerator: self.accelerator,
+                shadows: &self.shadows,
+                slots: &mut self.slots,
+                stack: &mut self.stack,
+            });
+            return;
+        }
         isa.run(LightSample {
             accelerator: self.accelerator,
             traversal: self.job.policy.pick(self.accelerator, class),
@@ -433,7 +454,7 @@ impl<I: Isa, P: Features, A: Accelerator> ForMaterial for ShadePiece<'_, '_, I, 
             list: &pool.order.list[piece],
             paths: &pool.paths,
             hits: &pool.hits,
-            textured: textured.then(|| pool.rows.rows()),
+            textured: textured.then(|| pool.rows.piece()),
             slots: &mut pool.slots,
             first_sample: &pool.first_sample,
             scattered: &mut pool.scattered,

@@ -79,7 +79,7 @@ impl<A: Accelerator> LightSample<'_, A> {
 impl SlotTable {
     /// Adds what the unblocked shadow ray at place `i` brings.
     #[inline(always)]
-    fn add_shadow(&mut self, rays: &ShadowQueue, i: usize) {
+    pub(crate) fn add_shadow(&mut self, rays: &ShadowQueue, i: usize) {
         let slot = rays.slot[i] as usize;
         self.radiance_r[slot] += rays.radiance_r[i];
         self.radiance_g[slot] += rays.radiance_g[i];

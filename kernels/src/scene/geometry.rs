@@ -1,7 +1,7 @@
 //! Primitives: triangles, spheres, and the surfaces of [`super::shapes`].
 
 use super::error::{BuildError, exists, finite};
-use super::parametrization::{Parametrization, Parametrizations};
+use super::parametrization::{Opacity, Parametrization, Parametrizations};
 use super::shapes::Quadric;
 
 /// What a [`Geometry`] is made of. Numbers of primitives run over triangles, then spheres, then quadrics.
@@ -29,6 +29,8 @@ pub struct GeometryParts {
     pub parametrizations: Vec<Parametrization>,
     /// Coordinates of vertices.
     pub uvs: Vec<[f32; 2]>,
+    /// How much is there of what has a parametrization, or empty: everything.
+    pub opacities: Vec<Option<Opacity>>,
 }
 
 /// All primitives. Their numbers run over triangles, then spheres, then quadrics.
@@ -61,7 +63,15 @@ impl Geometry {
             if found != expected { Err(BuildError::Length { of, found, expected }) } else { Ok(()) }
         };
         let GeometryParts {
-            vertices, triangles, planes, normals, triangle_normals, spheres, quadrics, tags, ..
+            vertices,
+            triangles,
+            planes,
+            normals,
+            triangle_normals,
+            spheres,
+            quadrics,
+            tags,
+            ..
         } = &parts;
         let primitives = triangles.len().saturating_add(spheres.len()).saturating_add(quadrics.len());
         limit("primitives", primitives, Self::MAX_PRIMITIVES)?;
@@ -101,6 +111,7 @@ impl Geometry {
             core::mem::take(&mut parts.parametrization_of),
             &core::mem::take(&mut parts.parametrizations),
             core::mem::take(&mut parts.uvs),
+            core::mem::take(&mut parts.opacities),
             &parts.triangles,
             primitives,
         )?;
@@ -138,6 +149,26 @@ impl Geometry {
     #[inline(always)]
     pub(super) fn parametrizations(&self) -> &Parametrizations {
         &self.parametrizations
+    }
+    /// World-space vertices, flat.
+    #[inline(always)]
+    pub(crate) fn coordinates_of_vertices(&self) -> &[f32] {
+        self.parts.vertices.as_flattened()
+    }
+    /// How much is there of what has each parametrization; empty: everything.
+    pub fn opacities(&self) -> &[Option<Opacity>] {
+        self.parametrizations.opacities()
+    }
+    /// The parametrization of a primitive, where coordinates are kept.
+    #[inline(always)]
+    pub(crate) fn parametrization_of(&self, primitive: u32) -> u32 {
+        self.parametrizations.number(primitive)
+    }
+    /// Is a primitive perhaps not everywhere there?
+    #[inline(always)]
+    pub(crate) fn is_cutout(&self, primitive: u32) -> bool {
+        let opacities = self.opacities();
+        !opacities.is_empty() && opacities[self.parametrization_of(primitive) as usize].is_some()
     }
     /// Does it keep coordinates for textures?
     pub fn has_coordinates(&self) -> bool {

@@ -3,7 +3,9 @@
 use super::error::{BuildError, exists, finite};
 use super::geometry::Geometry;
 use crate::lanes::{Mask, Real, Uint, map3};
-use crate::math::Vec3;
+use crate::math::{Frame, Vec3};
+use crate::shade::parameters::TextureId;
+use crate::shade::surface::Surface;
 use crate::texture::{Affine, azimuth_turns, polar_angle};
 
 /// Where the coordinates of a shape come from.
@@ -31,6 +33,17 @@ pub enum Parametrization {
     },
 }
 
+/// How much of a shape is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Opacity {
+    /// For paths: the share of it that is there, 1 and more is all.
+    pub for_paths: Option<TextureId>,
+    /// For rays towards lights.
+    pub for_light: Option<TextureId>,
+    /// All of it is there but where the opacity is 0, instead of by chance: pbrt-v3.
+    pub certain: bool,
+}
+
 /// What v measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Along {
@@ -55,6 +68,8 @@ pub(super) struct Parametrizations {
     uvs: Vec<[f32; 2]>,
     /// Some of them are round.
     round: bool,
+    /// Of each parametrization, how much is there; empty if everything is.
+    opacities: Vec<Option<Opacity>>,
 }
 
 const NUMBERS: usize = 16;
@@ -70,6 +85,7 @@ impl Parametrizations {
         of: Vec<u32>,
         parametrizations: &[Parametrization],
         uvs: Vec<[f32; 2]>,
+        opacities: Vec<Option<Opacity>>,
         triangles: &[[u32; 3]],
         primitives: usize,
     ) -> Result<Self, BuildError> {
@@ -79,6 +95,10 @@ impl Parametrizations {
         if of.len() != primitives {
             let (found, expected) = (of.len(), primitives);
             return Err(BuildError::Length { of: "parametrizations of primitives", found, expected });
+        }
+        if !opacities.is_empty() && opacities.len() != parametrizations.len() {
+            let (found, expected) = (opacities.len(), parametrizations.len());
+            return Err(BuildError::Length { of: "opacities of parametrizations", found, expected });
         }
         for (id, uv) in uvs.iter().enumerate() {
             finite("vertex", id, "a texture coordinate", uv)?;
@@ -124,7 +144,7 @@ impl Parametrizations {
             numbers.extend(row);
             kinds.extend([kind, offset]);
         }
-        Ok(Parametrizations { of, numbers, kinds, uvs, round })
+        Ok(Parametrizations { of, numbers, kinds, uvs, round, opacities })
     }
 
     /// Bytes on the heap.
@@ -133,6 +153,18 @@ impl Parametrizations {
             + size_of_val(&self.numbers[..])
             + size_of_val(&self.kinds[..])
             + size_of_val(&self.uvs[..])
+            + size_of_val(&self.opacities[..])
+    }
+
+    /// Opacities of the parametrizations; empty if there are none.
+    pub(super) fn opacities(&self) -> &[Option<Opacity>] {
+        &self.opacities
+    }
+
+    /// The parametrization of a primitive, which has one.
+    #[inline(always)]
+    pub(super) fn number(&self, primitive: u32) -> u32 {
+        self.of[primitive as usize]
     }
 
     /// Are there none?
@@ -179,10 +211,8 @@ pub(crate) unsafe fn coordinates<F: Real>(
                 [F::gather(uvs, uv), F::gather(uvs, uv + splat(1))]
             });
             let w = F::one() - u - v;
-            let mixed = [
-                a[0].mul_add(w, b[0].mul_add(u, c[0] * v)),
-                a[1].mul_add(w, b[1].mul_add(u, c[1] * v)),
-            ];
+            let mixed =
+                [a[0].mul_add(w, b[0].mul_add(u, c[0] * v)), a[1].mul_add(w, b[1].mul_add(u, c[1] * v))];
             out = [F::select(given, mixed[0], out[0]), F::select(given, mixed[1], out[1])];
         }
         if table.round {
@@ -214,4 +244,198 @@ pub(crate) unsafe fn coordinates<F: Real>(
         }
         out
     }
+}
+
+/// How point and normal change with u and v.
+#[derive(Clone, Copy)]
+pub(crate) struct Tangents<F: Real> {
+    /// Of the point with u.
+    pub u: Vec3<F>,
+    /// Of the point with v.
+    pub v: Vec3<F>,
+    /// Of the shading normal with u.
+    pub normal_u: Vec3<F>,
+    /// Of the shading normal with v.
+    pub normal_v: Vec3<F>,
+}
+
+/// The tangents at a point of a primitive. Where coordinates leave none, any two across the normal.
+///
+/// # Safety
+/// Every lane of `primitive` is below `geometry.primitives()`, and the scene keeps coordinates.
+#[inline(always)]
+pub(crate) unsafe fn tangents<F: Real>(
+    geometry: &Geometry,
+    primitive: F::Uint,
+    surface: &Surface<F>,
+) -> Tangents<F> {
+    let table = geometry.parametrizations();
+    let splat = F::Uint::splat;
+    let zero = Vec3::<F>::zero();
+    // SAFETY: as for `coordinates`.
+    unsafe {
+        let id = F::Uint::gather(&table.of, primitive);
+        let kind = F::Uint::gather(&table.kinds, id + id);
+        let mut out = Tangents { u: zero, v: zero, normal_u: zero, normal_v: zero };
+        let triangles = kind.lt(splat(POLAR));
+        if triangles.any() {
+            let lane = triangles.bits().trailing_zeros() as usize & 15;
+            let triangle = F::Uint::select(triangles, primitive, splat(primitive.to_array()[lane]));
+            out = triangle_tangents(geometry, triangle, kind, id, surface);
+        }
+        if table.round {
+            let round = !triangles;
+            if round.any() {
+                let of = round_tangents(table, kind, id, surface);
+                out = Tangents {
+                    u: Vec3::select(round, of.u, out.u),
+                    v: Vec3::select(round, of.v, out.v),
+                    normal_u: Vec3::select(round, of.normal_u, out.normal_u),
+                    normal_v: Vec3::select(round, of.normal_v, out.normal_v),
+                };
+            }
+        }
+        let frame = Frame::from_normal(surface.shading_normal);
+        let there = out.u.cross(out.v).length2().gt(F::zero());
+        out.u = Vec3::select(there, out.u, frame.s);
+        out.v = Vec3::select(there, out.v, frame.t);
+        out
+    }
+}
+
+/// # Safety
+/// Every lane of `triangle` is a triangle, of the kind [`VERTICES`] only if it has coordinates.
+#[inline(always)]
+unsafe fn triangle_tangents<F: Real>(
+    geometry: &Geometry,
+    triangle: F::Uint,
+    kind: F::Uint,
+    id: F::Uint,
+    surface: &Surface<F>,
+) -> Tangents<F> {
+    let table = geometry.parametrizations();
+    let splat = F::Uint::splat;
+    let (zero, one) = (F::zero(), F::one());
+    let first = triangle * splat(3);
+    // SAFETY: the caller's promise; corners exist, and so do their coordinates.
+    unsafe {
+        let given = kind.eq(splat(VERTICES));
+        let offset = F::Uint::gather(&table.kinds, id + id + splat(1));
+        let default = [(zero, zero), (one, zero), (one, one)];
+        let [a, b, c] = map3!([0usize, 1, 2], |k| {
+            let vertex = F::Uint::gather(geometry.corner_numbers(), first + splat(k as u32));
+            let number = vertex * splat(3);
+            let p = Vec3::new(
+                F::gather(geometry.coordinates_of_vertices(), number),
+                F::gather(geometry.coordinates_of_vertices(), number + splat(1)),
+                F::gather(geometry.coordinates_of_vertices(), number + splat(2)),
+            );
+            let mut uv = default[k];
+            if given.any() {
+                let lane = given.bits().trailing_zeros() as usize & 15;
+                let mine = vertex + offset;
+                let number = F::Uint::select(given, mine, splat(mine.to_array()[lane])).shl::<1>();
+                let uvs = table.uvs.as_flattened();
+                let own = (F::gather(uvs, number), F::gather(uvs, number + splat(1)));
+                uv = (F::select(given, own.0, uv.0), F::select(given, own.1, uv.1));
+            }
+            (p, uv)
+        });
+        let (p02, p12) = (a.0 - c.0, b.0 - c.0);
+        let (u02, v02) = (a.1.0 - c.1.0, a.1.1 - c.1.1);
+        let (u12, v12) = (b.1.0 - c.1.0, b.1.1 - c.1.1);
+        let determinant = u02 * v12 - v02 * u12;
+        let regular = determinant.abs().gt(F::lit(1e-9));
+        let inverse = F::select(regular, determinant.recip(), zero);
+        let along_u = |x: Vec3<F>, y: Vec3<F>| (x.scale(v12) - y.scale(v02)).scale(inverse);
+        let along_v = |x: Vec3<F>, y: Vec3<F>| (y.scale(u02) - x.scale(u12)).scale(inverse);
+        let mut out = Tangents {
+            u: along_u(p02, p12),
+            v: along_v(p02, p12),
+            normal_u: Vec3::zero(),
+            normal_v: Vec3::zero(),
+        };
+        let smooth = triangle.lt(splat(geometry.smooth_triangles() as u32));
+        if smooth.any() {
+            let triangle = F::Uint::select(smooth, triangle, splat(0)) * splat(3);
+            let [n0, n1, n2] = map3!([0u32, 1, 2], |k| {
+                let number = F::Uint::gather(geometry.triangle_normals(), triangle + splat(k)) * splat(3);
+                Vec3::new(
+                    F::gather(geometry.normals(), number),
+                    F::gather(geometry.normals(), number + splat(1)),
+                    F::gather(geometry.normals(), number + splat(2)),
+                )
+            });
+            // As in pbrt: across the shading normal, v by a right angle from u.
+            let n = surface.shading_normal;
+            let v = n.cross(out.u);
+            let u = v.cross(n);
+            out = Tangents {
+                u: Vec3::select(smooth, u, out.u),
+                v: Vec3::select(smooth, v, out.v),
+                normal_u: Vec3::select(smooth, along_u(n0 - n2, n1 - n2), Vec3::zero()),
+                normal_v: Vec3::select(smooth, along_v(n0 - n2, n1 - n2), Vec3::zero()),
+            };
+        }
+        out
+    }
+}
+
+/// # Safety
+/// Every lane of `id` is a parametrization.
+#[inline(always)]
+unsafe fn round_tangents<F: Real>(
+    table: &Parametrizations,
+    kind: F::Uint,
+    id: F::Uint,
+    surface: &Surface<F>,
+) -> Tangents<F> {
+    let splat = F::Uint::splat;
+    let first = id.shl::<4>();
+    // SAFETY: the caller's promise; a parametrization has `NUMBERS` numbers.
+    let (rows, turns_inverse, along_inverse, moved) = unsafe {
+        let rows = map3!([0u32, 4, 8], |row| {
+            let number = first + splat(row);
+            Vec3::new(
+                F::gather(&table.numbers, number),
+                F::gather(&table.numbers, number + splat(1)),
+                F::gather(&table.numbers, number + splat(2)),
+            )
+        });
+        let moved = Vec3::new(
+            F::gather(&table.numbers, first + splat(3)),
+            F::gather(&table.numbers, first + splat(7)),
+            F::gather(&table.numbers, first + splat(11)),
+        );
+        let number = |k: u32| F::gather(&table.numbers, first + splat(k));
+        (rows, number(12), number(13), moved)
+    };
+    let [a, b, c] = rows;
+    let p = surface.point;
+    let (x, y, z) = (a.dot(p) + moved.x, b.dot(p) + moved.y, c.dot(p) + moved.z);
+    // Columns of the inverse map: products of its rows over their volume.
+    let (ax, bx, cx) = (b.cross(c), c.cross(a), a.cross(b));
+    let volume = a.dot(ax).recip();
+    let to_world = |v: Vec3<F>| (ax.scale(v.x) + bx.scale(v.y) + cx.scale(v.z)).scale(volume);
+    let around = F::lit(core::f64::consts::TAU) * turns_inverse.recip();
+    let u = to_world(Vec3::new(-(y * around), x * around, F::zero()));
+    let across = x.mul_add(x, y * y).sqrt();
+    let (cos, sin) = (x / across, y / across);
+    let span = along_inverse.recip();
+    let polar = kind.eq(splat(POLAR));
+    let radius = kind.eq(splat(RADIUS));
+    // Along the meridian; outwards; along the axis.
+    let meridian = Vec3::new(z * cos, z * sin, -across);
+    let spoke = Vec3::new(cos, sin, F::zero());
+    let axis = Vec3::new(F::zero(), F::zero(), F::one());
+    let v = to_world(Vec3::select(polar, meridian, Vec3::select(radius, spoke, axis)).scale(span));
+    // Normals turn as points do, over the radius; not along cylinders, nor on disks.
+    let r = F::select(polar, across.mul_add(across, z * z).sqrt(), across);
+    let size = to_world(Vec3::new(r * cos, r * sin, F::zero())).length2().sqrt();
+    let curvature = size.recip();
+    let outwards = to_world(Vec3::new(x, y, F::select(polar, z, F::zero())));
+    let curvature = curvature.xor_sign(outwards.dot(surface.normal));
+    let bent_u = F::select(radius, F::zero(), curvature);
+    let bent_v = F::select(polar, curvature, F::zero());
+    Tangents { u, v, normal_u: u.scale(bent_u), normal_v: v.scale(bent_v) }
 }

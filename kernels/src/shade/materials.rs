@@ -8,7 +8,7 @@
 
 use super::Features;
 use super::bsdf::Bsdf;
-use super::parameters::{BadParameter, Parameters, TexturedColumns};
+use super::parameters::{BadParameter, Parameters, TextureId, TexturedColumns};
 use crate::lanes::Real;
 use crate::material_sort;
 use crate::scene::PrimitiveTag;
@@ -189,7 +189,10 @@ materials! {
 const _: () = {
     let mut class = 0;
     while class < MaterialClass::COUNT {
-        assert!(MaterialClass::ALL[class].width() <= crate::texture::WIDEST, "rows must fit the megakernel's");
+        assert!(
+            MaterialClass::ALL[class].width() <= crate::texture::WIDEST,
+            "rows must fit the megakernel's"
+        );
         class += 1;
     }
 };
@@ -257,6 +260,25 @@ pub struct MaterialTable {
     textured: Vec<TexturedColumns>,
     /// For each material, how many of those it and the ones before it have.
     textured_to: Vec<u32>,
+    /// What turns the normals of some of the materials.
+    reliefs: Vec<(MaterialHandle, Relief)>,
+}
+
+/// What turns the normals of a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Relief {
+    /// It is moved along its normal by a texture.
+    Displacement(TextureId),
+    /// Normals in the frame of the tangents, each coordinate c as (c + 1) / 2.
+    NormalMap(TextureId),
+}
+
+impl Relief {
+    /// The texture.
+    pub fn texture(self) -> TextureId {
+        let (Relief::Displacement(id) | Relief::NormalMap(id)) = self;
+        id
+    }
 }
 
 impl MaterialTable {
@@ -295,6 +317,18 @@ impl MaterialTable {
                 .is_ok_and(|at| self.materials[at].class == handle.class)
     }
 
+    /// Turns the normals of a material.
+    pub fn set_relief(&mut self, material: MaterialHandle, relief: Relief) {
+        self.reliefs.retain(|(other, _)| *other != material);
+        // What absorbs everything has no row, and no use for it.
+        if material.class != MaterialClass::Absorber {
+            self.reliefs.push((material, relief));
+        }
+    }
+    /// What turns the normals of some of the materials.
+    pub fn reliefs(&self) -> &[(MaterialHandle, Relief)] {
+        &self.reliefs
+    }
     /// All materials, and what textures give of each.
     pub fn textured(&self) -> impl Iterator<Item = (MaterialHandle, &[TexturedColumns])> {
         let starts = core::iter::once(&0).chain(&self.textured_to);

@@ -26,6 +26,7 @@ use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable, list_
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
 use crate::scene::lights::{LightKinds, sample};
 use crate::scene::{PrimitiveTag, Scene};
+use crate::texture::TexturedPiece;
 use bsdf::Bsdf;
 use core::marker::PhantomData;
 use materials::Material;
@@ -222,7 +223,7 @@ pub struct Shade<'a, M, P> {
     /// Where they arrive.
     pub hits: &'a HitQueue,
     /// Rows of parameters in the order of `list`, from the stage `texture`; none where the rows of the materials do.
-    pub textured: Option<&'a [f32]>,
+    pub textured: Option<TexturedPiece<'a>>,
     /// Random streams; the radiance scaling of refraction is kept there.
     pub slots: &'a mut SlotTable,
     /// Index of the first sample of each work unit.
@@ -265,7 +266,7 @@ fn shade<F: Real, M: Material, P: Features>(
     list: &[u32],
     paths: &PathQueue,
     hits: &HitQueue,
-    textured: Option<&[f32]>,
+    textured: Option<TexturedPiece>,
     slots: &mut SlotTable,
     first_sample: &[u32],
     scattered: &mut PathQueue,
@@ -285,7 +286,7 @@ fn shade<F: Real, M: Material, P: Features>(
             let primitive = F::Uint::gather(&hits.primitive, place);
             let direction =
                 Vec3::new(real(&paths.direction_x), real(&paths.direction_y), real(&paths.direction_z));
-            let surface = Surface::new(
+            let mut surface = Surface::new(
                 scene.geometry(),
                 primitive,
                 Vec3::new(real(&paths.origin_x), real(&paths.origin_y), real(&paths.origin_z)),
@@ -293,12 +294,15 @@ fn shade<F: Real, M: Material, P: Features>(
                 real(&hits.t),
                 || (real(&hits.u), real(&hits.v)),
             );
+            if let Some([x, y, z]) = textured.and_then(|piece| piece.normals) {
+                surface.shading_normal = Vec3::new(F::load(x, at), F::load(y, at), F::load(z, at));
+            }
             let parameters = match textured {
                 None => {
                     let tag = F::Uint::gather(scene.geometry().tags(), primitive);
                     scene.materials().evaluate::<M, F>(material_of(scene, tag))
                 }
-                Some(rows) => {
+                Some(TexturedPiece { rows, .. }) => {
                     let row = F::Uint::splat(at as u32) + F::Uint::load(&LANES, 0);
                     M::evaluate::<F>(rows, row * F::Uint::splat(M::WIDTH as u32))
                 }

@@ -1,9 +1,9 @@
 //! Pictures as textures: kept as they came, decoded where they are looked up.
 
+use super::mapping::floor;
 use crate::lanes::{Real, Uint};
 use crate::math::Rgb;
 use crate::scene::BuildError;
-use super::mapping::floor;
 
 /// What the numbers of a picture mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -270,7 +270,8 @@ mod tests {
 
     fn grey(width: u32, numbers: Vec<f32>) -> Image {
         let height = numbers.len() as u32 / width;
-        Image::new(ImageParts { width, height, channels: 1, texels: Texels::F32(numbers) }).expect("a picture")
+        Image::new(ImageParts { width, height, channels: 1, texels: Texels::F32(numbers) })
+            .expect("a picture")
     }
 
     #[test]
@@ -295,7 +296,8 @@ mod tests {
 
     #[test]
     fn numbers_are_decoded() {
-        for (x, want) in [(0u16, 0.0), (0x3c00, 1.0), (0xc000, -2.0), (1, 2f32.powi(-24)), (0x7bff, 65504.0)] {
+        for (x, want) in [(0u16, 0.0), (0x3c00, 1.0), (0xc000, -2.0), (1, 2f32.powi(-24)), (0x7bff, 65504.0)]
+        {
             assert_eq!(half_to_single(x), want);
         }
         let parts = |texels, channels| ImageParts { width: 1, height: 1, channels, texels };
@@ -308,7 +310,8 @@ mod tests {
         assert!((colour[0] - 0.502_886).abs() < 1e-5 && colour[1] == 1.0 && colour[2] == 0.0, "{colour:?}");
         assert!((opacity[0] - 0.033_104_8).abs() < 1e-6, "{opacity:?}");
         assert!((bytes(Encoding::Gamma(2.0)).1[0] - 0.04).abs() < 1e-6);
-        let image = Image::new(parts(Texels::U16(vec![65535, 0, 0], Encoding::Linear), 3)).expect("a picture");
+        let image =
+            Image::new(parts(Texels::U16(vec![65535, 0, 0], Encoding::Linear), 3)).expect("a picture");
         let mean = sample(&image, Lookup { one_number: true, ..LOOKUP }, [0.5f32, 0.5]).r;
         assert!((mean - 1.0 / 3.0).abs() < 1e-6);
         for bad in [

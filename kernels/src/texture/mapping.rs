@@ -89,9 +89,7 @@ pub(super) fn transform_point<F: Real>(m: &Affine, p: Vec3<F>) -> Vec3<F> {
 /// A vector through an affine map.
 #[inline(always)]
 pub(super) fn transform_vector<F: Real>(m: &Affine, v: Vec3<F>) -> Vec3<F> {
-    let row = |r: &[f32; 4]| {
-        F::splat(r[0]).mul_add(v.x, F::splat(r[1]).mul_add(v.y, F::splat(r[2]) * v.z))
-    };
+    let row = |r: &[f32; 4]| F::splat(r[0]).mul_add(v.x, F::splat(r[1]).mul_add(v.y, F::splat(r[2]) * v.z));
     Vec3::new(row(&m[0]), row(&m[1]), row(&m[2]))
 }
 

@@ -7,6 +7,7 @@
 //! | `program.rs` | for each textured material, the textures that it needs in the order in which they are evaluated |
 //! | `mapping.rs` | from a point of a surface to texture coordinates |
 //! | `pattern.rs` | checks, dots, noise |
+//! | `relief.rs` | normals that textures turn |
 //! | `image.rs` | pictures, and how they are looked up |
 //!
 //! A texture never reaches a kernel of a material. For each path the stage copies the row of the path's material, writes
@@ -18,6 +19,7 @@ mod image;
 mod mapping;
 mod pattern;
 mod program;
+mod relief;
 mod table;
 
 pub use image::{Encoding, Image, ImageParts, Texels, Wrap};
@@ -26,14 +28,16 @@ pub(crate) use mapping::{azimuth_turns, polar_angle};
 pub use program::Programs;
 pub use table::{Checks, Function, MAX_OCTAVES, Sampled, Solid, Texture, TextureTable};
 
+use crate::cutout::Seen;
 use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Real, Uint};
 use crate::math::Vec3;
 use crate::queue::{HitQueue, PAD, PathQueue, list_lanes};
 use crate::scene::Scene;
 use crate::scene::parametrization::coordinates;
+use crate::scene::parametrization::tangents;
 use crate::shade::surface::Surface;
-use program::evaluate;
+use program::{evaluate, has_relief, opacity_at, turned_normal};
 
 /// Where textures are evaluated.
 #[derive(Clone, Copy)]
@@ -75,12 +79,23 @@ impl<F: Real> Point<F> {
 #[derive(Clone, Debug, Default)]
 pub struct TexturedRows {
     rows: Vec<f32>,
+    /// Shading normals, a column a coordinate; empty if no texture turns them.
+    normals: [Vec<f32>; 3],
     /// Places in the list, in the order of their programs.
     order: Vec<u32>,
     /// For each program, how many paths it has, and then where they go on; zeros between calls.
     counts: Vec<u32>,
     /// Programs of the paths.
     programs: Vec<u32>,
+}
+
+/// What the kernel of a material reads of the paths of a piece.
+#[derive(Clone, Copy, Debug)]
+pub struct TexturedPiece<'a> {
+    /// Rows of parameters.
+    pub rows: &'a [f32],
+    /// Columns of shading normals, where textures turn some.
+    pub normals: Option<[&'a [f32]; 3]>,
 }
 
 /// Most paths at a time.
@@ -95,6 +110,7 @@ impl TexturedRows {
         }
         TexturedRows {
             rows: vec![0.0; (PIECE + PAD) * programs.widest()],
+            normals: [0; 3].map(|_| vec![0.0; if programs.have_reliefs() { PIECE + PAD } else { 0 }]),
             order: vec![0; PIECE],
             counts: vec![0; programs.len()],
             programs: vec![0; PIECE],
@@ -102,13 +118,16 @@ impl TexturedRows {
     }
     /// The rows, as [`EvaluateTextures`] left them.
     #[inline(always)]
-    pub fn rows(&self) -> &[f32] {
-        &self.rows
+    pub fn piece(&self) -> TexturedPiece<'_> {
+        let [x, y, z] = &self.normals;
+        TexturedPiece { rows: &self.rows, normals: (!x.is_empty()).then_some([x, y, z]) }
     }
     /// Bytes that a worker needs of them.
     pub fn bytes(scene: &Scene) -> usize {
         let rows = TexturedRows::new(scene);
-        size_of_val(&rows.rows[..]) + 4 * (rows.order.len() + rows.counts.len() + rows.programs.len())
+        size_of_val(&rows.rows[..])
+            + 3 * size_of_val(&rows.normals[0][..])
+            + 4 * (rows.order.len() + rows.counts.len() + rows.programs.len())
     }
 }
 
@@ -141,17 +160,11 @@ impl Kernel for EvaluateTextures<'_> {
 }
 
 #[inline(always)]
-fn textures<F: Real>(
-    scene: &Scene,
-    list: &[u32],
-    paths: &PathQueue,
-    hits: &HitQueue,
-    to: &mut TexturedRows,
-) {
+fn textures<F: Real>(scene: &Scene, list: &[u32], paths: &PathQueue, hits: &HitQueue, to: &mut TexturedRows) {
     let programs = scene.programs();
     let n = list.len();
     // Paths on one material go through one program together: a counting sort, over the programs that occur.
-    let TexturedRows { rows, order, counts, programs: of_path } = to;
+    let TexturedRows { rows, normals, order, counts, programs: of_path } = to;
     let (order, of_path) = (&mut order[..n], &mut of_path[..n]);
     let mut first = u32::MAX;
     let mut alike = true;
@@ -200,7 +213,7 @@ fn textures<F: Real>(
             let (position, count) = list_lanes::<F>(group, at);
             // SAFETY: positions are below the length of the list, which holds places of paths with hits on primitives of
             // the scene.
-            let point = unsafe {
+            let (point, surface, primitive) = unsafe {
                 let place = F::Uint::gather(list, position);
                 let real = |column: &[f32]| F::gather(column, place);
                 let primitive = F::Uint::gather(&hits.primitive, place);
@@ -214,8 +227,22 @@ fn textures<F: Real>(
                     || barycentric,
                 );
                 let uv = coordinates(scene.geometry(), primitive, surface.point, barycentric);
-                Point::new(scene, &surface, uv)
+                (Point::new(scene, &surface, uv), surface, primitive)
             };
+            if !normals[0].is_empty() {
+                let mut normal = surface.shading_normal;
+                if has_relief(scene, program) {
+                    // SAFETY: as above; scenes with textures keep coordinates.
+                    let tangents = unsafe { tangents(scene.geometry(), primitive, &surface) };
+                    normal = turned_normal(scene, program, &point, &surface, &tangents);
+                }
+                let values = [normal.x.to_array(), normal.y.to_array(), normal.z.to_array()];
+                for (column, values) in normals.iter_mut().zip(&values) {
+                    for (lane, &position) in group[at..at + count].iter().enumerate() {
+                        column[position as usize] = values[lane];
+                    }
+                }
+            }
             evaluate::<F>(scene, program, &point, &group[at..at + count], rows);
             at += count;
         }
@@ -241,18 +268,42 @@ pub struct EvaluateOne<'a, F: Real<Uint = core::num::Wrapping<u32>>> {
 }
 
 impl<F: Real<Uint = core::num::Wrapping<u32>>> Kernel for EvaluateOne<'_, F> {
-    type Output = ();
+    /// The shading normal.
+    type Output = Vec3<F>;
     #[inline(always)]
-    fn run<I: Isa>(self, _isa: I) {
+    fn run<I: Isa>(self, _isa: I) -> Vec3<F> {
         let EvaluateOne { scene, primitive, surface, barycentric: [u, v], row } = self;
         let barycentric = (F::splat(u), F::splat(v));
         let tag = scene.geometry().tags()[primitive as usize];
         let program = scene.programs().of(scene.row_of(tag));
         // SAFETY: the tag exists, so the primitive does.
-        let uv = unsafe {
-            coordinates(scene.geometry(), F::Uint::splat(primitive), surface.point, barycentric)
-        };
-        evaluate::<F>(scene, program, &Point::new(scene, &surface, uv), &[0], row);
+        let uv =
+            unsafe { coordinates(scene.geometry(), F::Uint::splat(primitive), surface.point, barycentric) };
+        let point = Point::new(scene, &surface, uv);
+        evaluate::<F>(scene, program, &point, &[0], row);
+        if !has_relief(scene, program) {
+            return surface.shading_normal;
+        }
+        // SAFETY: as above; scenes with textures keep coordinates.
+        let tangents = unsafe { tangents(scene.geometry(), F::Uint::splat(primitive), &surface) };
+        turned_normal(scene, program, &point, &surface, &tangents)
     }
 }
 
+/// How much of a primitive that may not be everywhere there is there at a point; and whether it is there wherever that is
+/// not 0, instead of by chance.
+#[inline(always)]
+pub(crate) fn opacity<F: Real>(
+    scene: &Scene,
+    primitive: u32,
+    surface: &Surface<F>,
+    barycentric: (F, F),
+    seen: Seen,
+) -> (f32, bool) {
+    let geometry = scene.geometry();
+    let parametrization = geometry.parametrization_of(primitive);
+    // SAFETY: a primitive that has a parametrization exists.
+    let uv = unsafe { coordinates(geometry, F::Uint::splat(primitive), surface.point, barycentric) };
+    let (opacity, certain) = opacity_at(scene, parametrization, &Point::new(scene, surface, uv), seen);
+    (opacity.to_array()[0], certain)
+}

@@ -4,16 +4,19 @@
 //! A program is a list of steps over a few registers, a colour a lane each. Textures that several others use are
 //! evaluated once; a register is free again once its value was used for the last time.
 
-use super::Point;
 use super::image::{Lookup, sample};
 use super::mapping::floor;
 use super::pattern::{in_dot, is_first, log2, solid};
 use super::table::{Function, Texture, TextureTable};
+use super::{Point, relief};
+use crate::cutout::Seen;
 use crate::lanes::{Real, map3};
 use crate::math::{Rgb, Vec3};
+use crate::scene::parametrization::{Opacity, Tangents};
 use crate::scene::{BuildError, Scene};
-use crate::shade::materials::{MaterialClass, MaterialTable};
+use crate::shade::materials::{MaterialClass, MaterialTable, Relief};
 use crate::shade::parameters::{Range, TextureId};
+use crate::shade::surface::Surface;
 
 /// Values that can be kept at a time.
 const REGISTERS: usize = 16;
@@ -36,6 +39,25 @@ struct Program {
     width: usize,
     /// Computes the columns that follow from others.
     derive: Option<fn(&mut [f32])>,
+    /// What turns the normal.
+    relief: Option<Value>,
+}
+
+/// Steps that compute one value.
+#[derive(Clone, Debug)]
+struct Value {
+    steps: core::ops::Range<usize>,
+    register: u8,
+    /// It is a normal, not a height.
+    is_normal: bool,
+}
+
+/// How much of a shape is there.
+#[derive(Clone, Debug)]
+struct Opaque {
+    for_paths: Option<Value>,
+    for_light: Option<Value>,
+    certain: bool,
 }
 
 /// The programs of all materials of the classes some of whose materials are textured.
@@ -47,6 +69,10 @@ pub struct Programs {
     of_row: Vec<u32>,
     classes: [bool; MaterialClass::COUNT],
     widest: usize,
+    /// Some of them turn normals.
+    reliefs: bool,
+    /// By parametrization; empty if everything is there.
+    opacities: Vec<Option<Opaque>>,
 }
 
 impl Programs {
@@ -54,12 +80,40 @@ impl Programs {
     ///
     /// # Errors
     /// If a material refers to a texture that does not exist, or one needs more values at a time than there is room for.
-    pub(crate) fn new(materials: &MaterialTable, textures: &TextureTable) -> Result<Self, BuildError> {
+    pub(crate) fn new(
+        materials: &MaterialTable,
+        opacities: &[Option<Opacity>],
+        textures: &TextureTable,
+    ) -> Result<Self, BuildError> {
         let mut programs = Programs::default();
+        let exists = |of: &'static str, id: usize, texture: TextureId| {
+            crate::scene::exists(of, id, "texture", texture.0 as usize, textures.textures().len())
+        };
+        for (id, opacity) in opacities.iter().enumerate() {
+            let opaque = match opacity {
+                None => None,
+                Some(Opacity { for_paths, for_light, certain }) => {
+                    let mut value = |texture: Option<TextureId>| match texture {
+                        None => Ok(None),
+                        Some(texture) => {
+                            exists("parametrization", id, texture)?;
+                            programs.value(textures, texture, false).map(Some)
+                        }
+                    };
+                    let (for_paths, for_light) = (value(*for_paths)?, value(*for_light)?);
+                    Some(Opaque { for_paths, for_light, certain: *certain })
+                }
+            };
+            programs.opacities.push(opaque);
+        }
+        for (handle, relief) in materials.reliefs() {
+            exists("material at row", handle.row as usize, relief.texture())?;
+            programs.classes[handle.class as usize] = true;
+            programs.reliefs = true;
+        }
         for (handle, columns) in materials.textured() {
             for column in columns {
-                let (found, exist) = (column.texture.0 as usize, textures.textures().len());
-                crate::scene::exists("material at row", handle.row as usize, "texture", found, exist)?;
+                exists("material at row", handle.row as usize, column.texture)?;
             }
             programs.classes[handle.class as usize] |= !columns.is_empty();
         }
@@ -78,20 +132,48 @@ impl Programs {
                 let (column, width, range) = (column.column, column.width, column.range);
                 programs.steps.push(Step::Store { register, column, width, range });
             }
+            let steps = first..programs.steps.len();
+            let relief = materials.reliefs().iter().find(|(other, _)| *other == handle);
+            let relief = match relief {
+                None => None,
+                Some((_, relief)) => {
+                    let is_normal = matches!(relief, Relief::NormalMap(_));
+                    Some(programs.value(textures, relief.texture(), is_normal)?)
+                }
+            };
             programs.of_row[handle.row as usize] = programs.programs.len() as u32;
             let width = handle.class.width();
             programs.widest = programs.widest.max(width);
             programs.programs.push(Program {
-                steps: first..programs.steps.len(),
+                steps,
                 row: handle.row as usize,
                 width,
                 derive: if columns.is_empty() { None } else { handle.class.derive() },
+                relief,
             });
         }
         Ok(programs)
     }
 
-    /// None: the scene has no textures?
+    /// The steps of one value.
+    fn value(
+        &mut self,
+        textures: &TextureTable,
+        texture: TextureId,
+        is_normal: bool,
+    ) -> Result<Value, BuildError> {
+        let first = self.steps.len();
+        let mut compiler = Compiler::new(textures, core::iter::once(texture));
+        let register = compiler.value(texture, &mut self.steps)?;
+        Ok(Value { steps: first..self.steps.len(), register, is_normal })
+    }
+
+    /// Do some of them turn normals?
+    #[inline(always)]
+    pub fn have_reliefs(&self) -> bool {
+        self.reliefs
+    }
+    /// None: the scene has no textured materials?
     pub fn is_empty(&self) -> bool {
         self.programs.is_empty()
     }
@@ -213,7 +295,7 @@ pub(super) fn evaluate<F: Real>(
     rows: &mut [f32],
 ) {
     let (programs, table) = (scene.programs(), scene.textures());
-    let Program { steps, row, width, derive } = &programs.programs[program as usize];
+    let Program { steps, row, width, derive, .. } = &programs.programs[program as usize];
     let width = *width;
     let constant = &scene.materials().rows()[*row..*row + width];
     for &position in positions {
@@ -223,11 +305,7 @@ pub(super) fn evaluate<F: Real>(
     let mut registers = [Rgb::<F>::zero(); REGISTERS];
     for step in &programs.steps[steps.clone()] {
         match *step {
-            Step::Evaluate { texture, inputs, output } => {
-                let inputs = map3!(inputs, |i| registers[i as usize % REGISTERS]);
-                let texture = &table.textures()[texture as usize];
-                registers[output as usize % REGISTERS] = texture_at(table, texture, inputs, at);
-            }
+            Step::Evaluate { .. } => evaluate_step(table, step, at, &mut registers),
             Step::Store { register, column, width: numbers, range } => {
                 let value = registers[register as usize % REGISTERS];
                 let (least, most) = (F::splat(range.least), F::splat(range.most));
@@ -251,15 +329,86 @@ pub(super) fn evaluate<F: Real>(
     }
 }
 
+/// A step that evaluates a texture. It is in one place in each kernel, as it is large.
+#[inline(always)]
+fn evaluate_step<F: Real>(
+    table: &TextureTable,
+    step: &Step,
+    at: &Point<F>,
+    registers: &mut [Rgb<F>; REGISTERS],
+) {
+    if let Step::Evaluate { texture, inputs, output } = *step {
+        let inputs = map3!(inputs, |i| registers[i as usize % REGISTERS]);
+        let texture = &table.textures()[texture as usize];
+        registers[output as usize % REGISTERS] = texture_at(table, texture, inputs, at);
+    }
+}
+
+/// One value at a point.
+#[inline(always)]
+fn value_at<F: Real>(scene: &Scene, value: &Value, at: &Point<F>) -> Rgb<F> {
+    let mut registers = [Rgb::<F>::zero(); REGISTERS];
+    for step in &scene.programs().steps[value.steps.clone()] {
+        evaluate_step(scene.textures(), step, at, &mut registers);
+    }
+    registers[value.register as usize % REGISTERS]
+}
+
+/// Is the normal of a material turned?
+#[inline(always)]
+pub(super) fn has_relief(scene: &Scene, program: u32) -> bool {
+    scene.programs().programs[program as usize].relief.is_some()
+}
+
+/// The normal of a program that turns it.
+#[inline(always)]
+pub(super) fn turned_normal<F: Real>(
+    scene: &Scene,
+    program: u32,
+    at: &Point<F>,
+    surface: &Surface<F>,
+    tangents: &Tangents<F>,
+) -> Vec3<F> {
+    let Some(relief) = &scene.programs().programs[program as usize].relief else {
+        return surface.shading_normal;
+    };
+    if relief.is_normal {
+        return relief::mapped(surface, tangents, value_at(scene, relief, at));
+    }
+    let steps = relief::steps(at, tangents);
+    let mut heights = [F::zero(); 3];
+    for (k, height) in heights.iter_mut().enumerate() {
+        let du = if k == 1 { steps[0] } else { F::zero() };
+        let dv = if k == 2 { steps[1] } else { F::zero() };
+        *height = value_at(scene, relief, &relief::shifted(at, tangents, [du, dv])).r;
+    }
+    relief::displaced(surface, tangents, heights, steps)
+}
+
+/// How much of a shape is there at a point, and whether that is so but where it is 0 (see [`Opacity::certain`]).
+#[inline(always)]
+pub(super) fn opacity_at<F: Real>(
+    scene: &Scene,
+    parametrization: u32,
+    at: &Point<F>,
+    seen: Seen,
+) -> (F, bool) {
+    let Some(opaque) = &scene.programs().opacities[parametrization as usize] else {
+        return (F::one(), true);
+    };
+    let value = match seen {
+        Seen::ByPaths => &opaque.for_paths,
+        Seen::ByLight => &opaque.for_light,
+    };
+    let opacity = value.as_ref().map_or(F::one(), |value| value_at(scene, value, at).r);
+    (opacity, opaque.certain)
+}
+
 /// `a (1 - t) + b t`.
 #[inline(always)]
 fn mix<F: Real>(a: Rgb<F>, b: Rgb<F>, t: F) -> Rgb<F> {
     let rest = F::one() - t;
-    Rgb::new(
-        a.r.mul_add(rest, b.r * t),
-        a.g.mul_add(rest, b.g * t),
-        a.b.mul_add(rest, b.b * t),
-    )
+    Rgb::new(a.r.mul_add(rest, b.r * t), a.g.mul_add(rest, b.g * t), a.b.mul_add(rest, b.b * t))
 }
 
 /// The value of a texture whose inputs are known.
@@ -274,19 +423,13 @@ fn texture_at<F: Real>(
         Texture::Constant(value) => Rgb::splat(*value),
         Texture::Product(..) => a * b,
         Texture::Mix { .. } => mix(a, b, c.r),
-        Texture::DirectionMix { direction, .. } => {
-            mix(b, a, at.normal.dot(Vec3::splat(*direction)).abs())
-        }
+        Texture::DirectionMix { direction, .. } => mix(b, a, at.normal.dot(Vec3::splat(*direction)).abs()),
         Texture::Checkerboard { checks, .. } => Rgb::select(is_first(checks, at), a, b),
         Texture::Dots { mapping, .. } => Rgb::select(in_dot(mapping.map(at)), a, b),
         Texture::Bilerp { mapping, corners } => {
             let [s, t] = mapping.map(at);
             let [v00, v01, v10, v11] = corners;
-            mix(
-                mix(Rgb::splat(*v00), Rgb::splat(*v01), t),
-                mix(Rgb::splat(*v10), Rgb::splat(*v11), t),
-                s,
-            )
+            mix(mix(Rgb::splat(*v00), Rgb::splat(*v01), t), mix(Rgb::splat(*v10), Rgb::splat(*v11), t), s)
         }
         Texture::Uv { mapping } => {
             let [s, t] = mapping.map(at);

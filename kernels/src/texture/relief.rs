@@ -4,9 +4,8 @@
 //! tangents come from differences. And maps of normals in the frame of the tangents.
 
 use super::Point;
-use crate::lanes::{Mask, Real, Uint, map3};
-use crate::math::{Frame, Rgb, Vec3};
-use crate::scene::Geometry;
+use crate::lanes::{Real, map3};
+use crate::math::{Rgb, Vec3};
 use crate::scene::parametrization::Tangents;
 use crate::shade::surface::Surface;
 

@@ -9,7 +9,7 @@ use crate::pbrt::parameters::{ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::spectra::{self, Named, Rgb64};
 use crate::pbrt::suggest::did_you_mean;
-use crate::scene::{Material, MaterialId, Parameter, Shape};
+use crate::scene::{Material, MaterialId, Parameter, Relief, Shape};
 
 use super::values::{SpectrumValue, rgb32};
 use super::{Builder, Dropped, unknown_kind, unsupported_kind};
@@ -51,6 +51,8 @@ pub(super) struct MaterialTable {
     names: HashMap<String, MaterialId>,
     /// Handles by content: exporters repeat materials for every shape.
     known: HashMap<String, MaterialId>,
+    /// What turns the normals of some.
+    reliefs: HashMap<MaterialId, Relief>,
 }
 
 /// What a material directive says.
@@ -80,12 +82,12 @@ impl MaterialTable {
 
     /// The handle of a material.
     pub(super) fn intern(&mut self, material: Material) -> MaterialId {
-        self.intern_read(Read::Material(material))
+        self.intern_read(Read::Material(material), None)
     }
 
-    fn intern_read(&mut self, read: Read) -> MaterialId {
+    fn intern_read(&mut self, read: Read, relief: Option<Relief>) -> MaterialId {
         // The printed form of a float tells every value apart.
-        let key = match &read {
+        let mut key = match &read {
             Read::Material(material) => format!("{material:?}"),
             Read::Interface => "interface".into(),
             Read::Lacking(material, lacks) => {
@@ -93,11 +95,15 @@ impl MaterialTable {
                 format!("{material:?} {lacks:?}")
             }
         };
+        if let Some(relief) = relief {
+            key.push_str(&format!("{relief:?}"));
+        }
         if let Some(id) = self.known.get(&key) {
             return *id;
         }
         let id = self.add(Slot::Known(read));
         self.known.insert(key, id);
+        self.reliefs.extend(relief.map(|relief| (id, relief)));
         id
     }
 
@@ -123,14 +129,15 @@ impl MaterialTable {
         self.by_name(name).is_some()
     }
 
-    fn define(&mut self, name: String, read: Read) {
+    fn define(&mut self, name: String, read: Read, relief: Option<Relief>) {
         match self.names.get(&name) {
             Some(id) if matches!(self.slots[id.0 as usize], Slot::Pending { .. }) => {
                 self.slots[id.0 as usize] = Slot::Known(read);
+                self.reliefs.extend(relief.map(|relief| (*id, relief)));
             }
             // v3 redefines names; shapes before keep the former material.
             _ => {
-                let id = self.intern_read(read);
+                let id = self.intern_read(read, relief);
                 self.names.insert(name, id);
             }
         }
@@ -203,6 +210,8 @@ impl Builder {
                     };
                     self.scene.materials.push(material);
                     let id = MaterialId(self.scene.materials.len() as u32 - 1);
+                    let relief = self.materials.reliefs.get(&MaterialId(old));
+                    self.scene.reliefs.extend(relief.map(|relief| (id, *relief)));
                     new_ids.insert(old, id);
                     id
                 }
@@ -215,8 +224,9 @@ impl Builder {
 
     /// `Material "kind" ...`
     pub(super) fn material(&mut self, kind: &Name, parameters: &Parameters) -> Result<()> {
+        let relief = self.relief(parameters)?;
         let read = self.read_material(kind, parameters)?;
-        self.state.material = self.materials.intern_read(read);
+        self.state.material = self.materials.intern_read(read, relief);
         self.textures.belong_to(self.state.material);
         Ok(())
     }
@@ -229,6 +239,7 @@ impl Builder {
         };
         let span = parameters.find("type").map_or(name.span, |p| p.values_span);
         let kind = Name { text: text.to_string(), span };
+        let relief = self.relief(parameters)?;
         let material = self.read_material(&kind, parameters)?;
         if self.materials.is_defined(&name.text) {
             let problem =
@@ -239,7 +250,7 @@ impl Builder {
             self.warn(problem);
         }
         let text = name.text.clone();
-        self.materials.define(name.text, material);
+        self.materials.define(name.text, material, relief);
         if let Some(id) = self.materials.names.get(&text) {
             self.textures.belong_to(*id);
         }
@@ -252,7 +263,6 @@ impl Builder {
             parameters.accept_all();
             return Ok(Read::Interface);
         }
-        self.refuse_bumps(parameters);
         let read = match self.read_kind(kind, parameters) {
             Ok(read) => {
                 // What is lacking may have kept parameters from being looked at.

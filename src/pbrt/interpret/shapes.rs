@@ -12,7 +12,9 @@ use crate::pbrt::parser::Name;
 use crate::pbrt::ply;
 use crate::pbrt::polygon;
 use crate::pbrt::transform::{invertible, normal_matrix, swaps_handedness};
-use crate::scene::{Emission, Geometry, MaterialId, Mesh, MeshId, Shape};
+use crate::scene::{Emission, Geometry, MaterialId, Mesh, MeshId, Opacity, Parameter, Shape};
+
+use super::textures::widen;
 
 use super::{Builder, Dropped, unknown_kind, unsupported_kind};
 
@@ -50,6 +52,7 @@ pub(super) struct PlacedShape {
     reverse_orientation: bool,
     material: MaterialId,
     emission: Option<Emission>,
+    opacity: Option<Opacity>,
 }
 
 /// What the scene has taken so far.
@@ -118,7 +121,10 @@ impl Builder {
             }
             _ => return self.mistake(unknown_kind("shape", kind, &KNOWN)),
         };
-        self.refuse_alpha(parameters)?;
+        let Some(opacity) = self.opacity(parameters)? else {
+            // Nothing of it is there.
+            return self.check_unused(parameters, &format!("shape \"{}\"", kind.text));
+        };
         if self.dialect.is_surely_v3() {
             self.refuse_material_overrides(parameters);
         }
@@ -135,6 +141,7 @@ impl Builder {
                 reverse_orientation: self.state.reverse_orientation,
                 material: self.state.material,
                 emission,
+                opacity,
             };
             match self.objects.open_shapes() {
                 Some(shapes) => shapes.push(shape),
@@ -144,17 +151,52 @@ impl Builder {
         Ok(())
     }
 
-    fn refuse_alpha(&mut self, parameters: &Parameters) -> Result<()> {
-        for name in ["alpha", "shadowalpha"] {
-            let before = self.pending.len();
-            let alpha = self.float_texture(parameters, name)?.unwrap_or(1.0);
-            // Of a texture that is not supported, that was said.
-            if alpha != 1.0 && self.pending.len() == before {
-                let problem = parameters.bad(name, &alpha.to_string(), "expected 1: alpha is not supported");
-                self.pending.push(*problem.lacking("the surface is opaque"));
-            }
+    /// How much of the shape is there; none if nothing is.
+    fn opacity(&mut self, parameters: &Parameters) -> Result<Option<Option<Opacity>>> {
+        let alpha = self.float_parameter(parameters, "alpha")?.unwrap_or(Parameter::Constant(1.0));
+        let for_light = match parameters.find("shadowalpha") {
+            // pbrt-v3 alone has it: rays towards lights look at both.
+            Some(_) => self.float_parameter(parameters, "shadowalpha")?.unwrap_or(Parameter::Constant(1.0)),
+            None => Parameter::Constant(1.0),
+        };
+        let everything = |alpha| matches!(alpha, Parameter::Constant(alpha) if alpha >= 1.0);
+        if everything(alpha) && everything(for_light) {
+            return Ok(Some(None));
         }
-        Ok(())
+        let certain = self.dialect.is_v3();
+        if let (Parameter::Constant(_), Parameter::Constant(_)) = (alpha, for_light)
+            && certain
+            && [alpha, for_light].iter().all(|alpha| *alpha != Parameter::Constant(0.0))
+        {
+            // Only what is 0 is not there.
+            return Ok(Some(None));
+        }
+        let lamp = self.state.area_light.is_some() && !self.objects.is_open();
+        if lamp {
+            let problem = parameters.bad("alpha", "not 1", "expected 1: of lamps alpha is not supported");
+            self.pending.push(*problem.lacking("the surface is opaque"));
+            return Ok(Some(None));
+        }
+        if alpha == Parameter::Constant(0.0) {
+            return Ok(None);
+        }
+        let mut node = |alpha: Parameter<f64>| match everything(alpha) {
+            true => None,
+            false => Some(self.node_of(widen(alpha))),
+        };
+        let for_paths = node(alpha);
+        let for_light = match for_paths {
+            // Light passes where either says so.
+            Some(alpha) => match node(for_light) {
+                Some(for_light) => {
+                    Some(self.node(wavepath_kernels::texture::Texture::Product(alpha, for_light)))
+                }
+                None => Some(alpha),
+            },
+            None => node(for_light),
+        };
+        self.textures.need(for_paths.into_iter().chain(for_light));
+        Ok(Some(Some(Opacity { for_paths, for_light, certain })))
     }
 
     /// The emission for a shape; objects have none, as in pbrt.
@@ -232,6 +274,7 @@ impl Builder {
             material: shape.material,
             emission: shape.emission,
             flip_normal,
+            opacity: shape.opacity,
         });
         Ok(())
     }

@@ -22,7 +22,7 @@ use crate::pbrt::parser::Name;
 use crate::pbrt::spectra::Rgb64;
 use crate::pbrt::transform::invertible;
 use crate::picture::{Raster, RasterSamples, Transfer};
-use crate::scene::{MaterialId, Parameter, TextureId};
+use crate::scene::{MaterialId, Parameter, Relief, TextureId};
 
 use super::{Builder, singular, unknown_kind};
 
@@ -113,6 +113,12 @@ impl Textures {
     /// Names nodes again, for a material that is made of others.
     pub(super) fn name_all(&mut self, ids: Vec<TextureId>) {
         self.named.extend(ids);
+    }
+
+    /// The scene needs nodes.
+    pub(super) fn need(&mut self, ids: impl Iterator<Item = TextureId>) {
+        self.named.clear();
+        self.needed.extend(ids);
     }
 
     /// The scene uses a material.
@@ -207,6 +213,37 @@ impl Builder {
         }
         self.warn(problem.label("the last one counts"));
         Ok(())
+    }
+
+    /// What turns the normals of a material: a height (v3: `bumpmap`), or a map of normals.
+    pub(super) fn relief(&mut self, parameters: &Parameters) -> Result<Option<Relief>> {
+        let normals = parameters.string("normalmap")?.filter(|name| !name.is_empty()).map(str::to_string);
+        for name in ["displacement", "bumpmap"] {
+            if !parameters.has(name) {
+                continue;
+            }
+            // A height that is the same everywhere does nothing.
+            if let Some(Parameter::Texture(height)) = self.float_parameter(parameters, name)? {
+                return Ok(Some(Relief::Displacement(height)));
+            }
+        }
+        let Some(name) = normals else { return Ok(None) };
+        let place = parameters.find("normalmap").map_or(Place::Nowhere, |p| p.place(0));
+        let mapping = Mapping::Uv { scale: [1.0; 2], delta: [0.0; 2] };
+        let image = self.request(name, place, Transfer::Linear, false);
+        let (wrap, nearest, one_number) = (Wrap::Repeat, false, false);
+        let (scale, invert) = (1.0, false);
+        let sampled = Sampled { mapping, image, wrap, nearest, one_number, scale, invert };
+        let id = self.node(Node::Image(sampled));
+        self.textures.name(Parameter::<f64>::Texture(id));
+        Ok(Some(Relief::NormalMap(id)))
+    }
+
+    /// Asks for a picture; it is known by the number until it is read.
+    fn request(&mut self, name: String, place: Place, transfer: Transfer, luminance: bool) -> u32 {
+        let path = self.resolve(&name);
+        self.textures.requests.push(Request { name, path, place, transfer, luminance });
+        self.textures.requests.len() as u32 - 1
     }
 
     /// Adds a node.
@@ -309,7 +346,11 @@ impl Builder {
                 let direction = vector(parameters, "dir", DVec3::Y)?;
                 let world = self.static_ctm(class.span)?.transform_vector3(direction).try_normalize();
                 let Some(world) = world else {
-                    return Err(parameters.bad("dir", "without a direction", "expected a vector that is not 0"));
+                    return Err(parameters.bad(
+                        "dir",
+                        "without a direction",
+                        "expected a vector that is not 0",
+                    ));
                 };
                 let (first, second) = (self.node_of(a), self.node_of(b));
                 Node::DirectionMix { first, second, direction: world.as_vec3().into() }
@@ -333,7 +374,8 @@ impl Builder {
                 let inside = self.input(kind, parameters, "inside", 1.0)?;
                 let outside = self.input(kind, parameters, "outside", 0.0)?;
                 let mapping = self.mapping(parameters, class.span)?;
-                let (inside, outside) = (self.node_of(inside), self.node_of(outside));
+                // pbrt takes one for the other, in both versions, and so its scenes mean it.
+                let (outside, inside) = (self.node_of(inside), self.node_of(outside));
                 Node::Dots { mapping, inside, outside }
             }
             "bilerp" => {
@@ -403,9 +445,7 @@ impl Builder {
                 scale: [number("uscale", 1.0)? as f32, number("vscale", 1.0)? as f32],
                 delta: [number("udelta", 0.0)? as f32, number("vdelta", 0.0)? as f32],
             },
-            "spherical" => {
-                Mapping::Spherical { texture_from_world: affine(&self.texture_from_world(span)?) }
-            }
+            "spherical" => Mapping::Spherical { texture_from_world: affine(&self.texture_from_world(span)?) },
             "cylindrical" => Mapping::Cylindrical {
                 texture_from_world: affine(&self.texture_from_world(span)?),
                 of_direction: self.dialect.is_v3(),
@@ -438,8 +478,9 @@ impl Builder {
     fn image_map(&mut self, kind: Kind, class: &Name, parameters: &Parameters) -> Result<Node> {
         let mapping = self.mapping(parameters, class.span)?;
         let Some(name) = parameters.string("filename")?.map(str::to_string) else {
-            return Err(Problem::at(class.span, "imagemap without a file")
-                .label("expected \"string filename\""));
+            return Err(
+                Problem::at(class.span, "imagemap without a file").label("expected \"string filename\"")
+            );
         };
         let one_of = |parameter: &'static str, found: &str, known: &[&str]| {
             let expected = format!("expected one of {}", known.join(", "));
@@ -482,12 +523,10 @@ impl Builder {
         }
         let place = parameters.find("filename").map_or(Place::Span(class.span), |p| p.place(0));
         let luminance = kind == Kind::Float && self.dialect.is_v3();
-        let path = self.resolve(&name);
-        self.textures.requests.push(Request { name, path, place, transfer, luminance });
+        let image = self.request(name, place, transfer, luminance);
         Ok(Node::Image(Sampled {
             mapping,
-            // Of the request, until the picture is read.
-            image: self.textures.requests.len() as u32 - 1,
+            image,
             wrap,
             nearest,
             one_number: kind == Kind::Float,

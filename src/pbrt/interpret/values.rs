@@ -135,7 +135,8 @@ impl Builder {
 
     /// Notes that a parameter must be the same everywhere.
     fn refuse_texture(&mut self, parameters: &Parameters, name: &'static str) {
-        let problem = parameters.bad(name, "a texture", "expected a constant: textures of this are not supported");
+        let problem =
+            parameters.bad(name, "a texture", "expected a constant: textures of this are not supported");
         self.pending.push(*problem.lacking("the texture is taken for the constant 0.5"));
     }
 
@@ -240,29 +241,6 @@ impl Builder {
                 .label(label)
                 .note(parameter.place(0), "the file is named here")
         })
-    }
-
-    /// Bump and normal maps change the picture; only a height that is constant does nothing.
-    pub(super) fn refuse_bumps(&mut self, parameters: &Parameters) {
-        const INSTEAD: &str = "the surface is smooth";
-        for name in ["displacement", "bumpmap"] {
-            let Some(parameter) = parameters.given(name) else {
-                continue;
-            };
-            let texture = parameter.strings().first().and_then(|text| self.textures.float.get(text));
-            if texture.is_none_or(|texture| !texture.lacks.is_empty() || texture.value.constant().is_none()) {
-                let problem = Problem::at(parameter.span, format!("\"{name}\" is not supported"))
-                    .label("expected a surface without bumps")
-                    .lacking(INSTEAD);
-                self.pending.push(*problem);
-            }
-        }
-        if let Some(parameter) = parameters.given("normalmap").filter(|p| p.strings() != [""]) {
-            let problem = Problem::at(parameter.span, "\"normalmap\" is not supported")
-                .label("expected a surface without a normal map")
-                .lacking(INSTEAD);
-            self.pending.push(*problem);
-        }
     }
 }
 
