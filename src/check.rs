@@ -463,7 +463,14 @@ impl<'a> Search<'a> {
                 Material::Dielectric { reflectance, transmittance, .. } => {
                     largest(reflectance).max(largest(transmittance))
                 }
-                Material::Conductor { .. } | Material::ThinDielectric { .. } => 0.0,
+                // Its parts are looked at by themselves, where shapes show them.
+                Material::Mixture { .. } => 0.0,
+                // Of a coat on a base, how much depends on the angle.
+                Material::Conductor { .. }
+                | Material::ThinDielectric { .. }
+                | Material::Coated { .. }
+                | Material::CoatedConductor { .. }
+                | Material::Uber { .. } => 0.0,
             };
             if most > 1.0 {
                 self.found(

@@ -50,6 +50,20 @@ const BALLS: &str = r#"
         Translate -1.5 .6 -2 Rotate 30 1 0 0 Shape "disk" "float radius" .5 "float innerradius" .2 AttributeEnd
     AttributeBegin Material "diffusetransmission" "rgb reflectance" [ .2 .5 .3 ] "rgb transmittance" [ .6 .2 .3 ]
         Translate 0 1.2 -1 Shape "sphere" "float radius" .3 AttributeEnd
+    MakeNamedMaterial "clay" "string type" "diffuse" "rgb reflectance" [ .8 .3 .2 ]
+    MakeNamedMaterial "steel" "string type" "conductor" "float roughness" .1
+    MakeNamedMaterial "glass" "string type" "dielectric"
+    MakeNamedMaterial "both" "string type" "mix" "string materials" [ "clay" "steel" ] "float amount" .3
+    AttributeBegin NamedMaterial "both" Translate -3 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
+    AttributeBegin Material "mix" "string materials" [ "both" "glass" ] "float amount" .6
+        AreaLightSource "diffuse" "rgb L" [ .1 .2 .3 ]
+        Translate -2 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
+    AttributeBegin Material "dielectric" "float roughness" .1
+        Translate -1 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
+    AttributeBegin Material "coateddiffuse" "rgb reflectance" [ .2 .6 .3 ]
+        Translate 1 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
+    AttributeBegin Material "coateddiffuse" "rgb reflectance" [ .2 .3 .7 ] "float roughness" .2
+        Translate 2 1.5 0 Shape "sphere" "float radius" .3 AttributeEnd
     AttributeBegin Material "dielectric" Translate 3 1.5 1 Scale .3 .3 .3
         Shape "plymesh" "string filename" "meshes/block.ply" AttributeEnd
 "#;
@@ -74,6 +88,22 @@ const TEXTURED: &str = r#"
     Material "diffusetransmission" "texture reflectance" "checks" "texture transmittance" "ramp"
     AttributeBegin Translate 1 .5 0 Shape "sphere" "float radius" .5 "texture alpha" "dots" AttributeEnd
     AttributeBegin Translate 3 .5 0 Rotate 90 1 0 0 Shape "disk" "float radius" .7 "float alpha" .5 AttributeEnd
+"#;
+
+/// What only version 3 has.
+const BALLS_V3: &str = r#"
+    MakeNamedMaterial "clay" "string type" "matte" "rgb Kd" [ .8 .3 .2 ] "float sigma" 20
+    MakeNamedMaterial "silver" "string type" "mirror"
+    AttributeBegin Material "mix" "string namedmaterial1" "clay" "string namedmaterial2" "silver" "rgb amount" [ .2 .5 .9 ]
+        Translate -2 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "plastic" "rgb Kd" [ .1 .2 .6 ] Translate -1 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "substrate" "rgb Kd" [ .1 .6 .2 ] Translate 0 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "uber" "rgb Kd" [ .3 .1 .1 ] "rgb Kr" [ .2 .2 .2 ] "rgb Kt" [ .2 .3 .4 ] "rgb opacity" [ .5 .7 .9 ]
+        Translate 1 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "translucent" "rgb Kd" [ .5 .4 .3 ] "float roughness" .3
+        Translate 2 .5 0 Shape "sphere" "float radius" .5 AttributeEnd
+    AttributeBegin Material "glass" "float uroughness" .2 "float vroughness" .2 "rgb Kt" [ .9 .8 .9 ]
+        Translate 0 1.5 1 Shape "sphere" "float radius" .5 AttributeEnd
 "#;
 
 /// Every kind of light.
@@ -110,6 +140,7 @@ fn all_scenes() -> Vec<(&'static str, SceneDescription)> {
         ("spherical lamp, transmission", format!("{VIEW}{LAMP}{FLOOR}{BALLS}")),
         ("spherical lamp, nothing transmits", format!("{VIEW}{LAMP}{FLOOR}")),
         ("lights, nothing transmits", format!("{VIEW}{LIGHTS}{FLOOR}")),
+        ("materials of version 3", format!("{VIEW}{LAMP}{FLOOR}{BALLS_V3}")),
         ("sky only", format!("{VIEW}{sky}{FLOOR}{BALLS}")),
         ("no lights", format!("{VIEW}{FLOOR}{BALLS}")),
         ("no primitives", format!("{VIEW}{sky}")),

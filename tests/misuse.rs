@@ -41,6 +41,7 @@ fn description() -> SceneDescription {
             material: MaterialId(0),
             emission: (k > 0).then_some(Emission { radiance: [1.0; 3], power: None, two_sided: true }),
             flip_normal: false,
+            visible: true,
         })
         .collect();
     scene.lights = vec![

@@ -418,6 +418,49 @@ fn disks_and_parts_of_them_give_their_irradiance() {
 }
 
 /// Of a tube over the meter the inside is seen, between the cones of its rims; of one that lies across, the outside.
+/// Lamps of alpha 0 shine as others do, through each other and unseen.
+#[test]
+fn hidden_lamps_give_their_irradiance() {
+    let within = |r: f64, h: f64| r * r / (r * r + h * h);
+    let quad = "Shape \"trianglemesh\" \"integer indices\" [ 0 1 2 0 2 3 ] \
+                \"point3 P\" [ -.5 -.5 0 .5 -.5 0 .5 .5 0 -.5 .5 0 ] \"float alpha\" 0";
+    let open = quad.replace("\"float alpha\" 0", "");
+    let shown = |shape: &str| {
+        let lamp = format!("AreaLightSource \"diffuse\" {DOWN} {shape}");
+        estimate(&Render { spp: Some(1024), ..Render::default() }, &meter(&lamp))
+    };
+    shown(quad).assert_near("mesh", shown(&open).mean, 1e-3);
+    for (what, lamp, want) in [
+        ("disk", "Shape \"disk\" \"float radius\" .5 \"float alpha\" 0", within(0.5, H)),
+        ("sphere", "Shape \"sphere\" \"float radius\" .5 \"float alpha\" 0", (0.5f64 / H).powi(2)),
+        (
+            "tube",
+            "ReverseOrientation Shape \"cylinder\" \"float radius\" .5 \"float zmin\" -1 \"float zmax\" .5 \"float alpha\" 0",
+            within(0.5, 1.5) - within(0.5, 3.0),
+        ),
+        // The second does not stand before the first.
+        (
+            "two disks",
+            "Shape \"disk\" \"float radius\" .5 \"float alpha\" 0 \
+             Translate 0 0 1 Shape \"disk\" \"float radius\" .5 \"float alpha\" 0",
+            within(0.5, H) + within(0.5, 1.0),
+        ),
+    ] {
+        assert_metered(what, &format!("{DOWN} {lamp}"), 4096, want);
+    }
+    // Nothing is seen of them, and surfaces that emit nothing and have no alpha are not there.
+    let unseen = scene(
+        "LookAt 0 0 -5 0 0 0 0 1 0 Camera \"perspective\" \"float fov\" 20 \
+         Film \"rgb\" \"integer xresolution\" 8 \"integer yresolution\" 8 WorldBegin \
+         Shape \"disk\" \"float alpha\" 0 \
+         AreaLightSource \"diffuse\" \"bool twosided\" true Shape \"sphere\" \"float alpha\" 0",
+    );
+    for engine in ENGINES {
+        let rendered = Render { engine, spp: Some(4), ..Render::default() }.of(&unseen);
+        assert_eq!(rendered.image.pixels.iter().flatten().fold(0.0, |a: f32, &b| a.max(b)), 0.0);
+    }
+}
+
 #[test]
 fn cylinders_and_parts_of_them_give_their_irradiance() {
     let within = |r: f64, h: f64| r * r / (r * r + h * h);

@@ -244,7 +244,7 @@ fn what_cannot_be_done_is_refused_with_status_2() {
     let scene = &shipped("two-spheres.pbrt");
     scratch.write("broken.pbrt", "WorldBegin\n  Shape \"sphere\" \"float radius\" [ 1 2 ]\n");
     scratch.write("unknown.pbrt", "WorldBegin\nMaterial \"difuse\"\n");
-    scratch.write("coated.pbrt", "WorldBegin\nMaterial \"coateddiffuse\"\nShape \"sphere\"\n");
+    scratch.write("coated.pbrt", "WorldBegin\nMaterial \"subsurface\"\nShape \"sphere\"\n");
     scratch.write("mesh.pbrt", "WorldBegin\nShape \"plymesh\" \"string filename\" \"gone.ply\"\n");
     let rough = "\"conductor\" \"float uroughness\" .1 \"float vroughness\" .3";
     scratch.write("stretched.pbrt", &format!("WorldBegin\nMaterial {rough}\nShape \"sphere\"\n"));

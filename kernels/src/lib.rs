@@ -34,6 +34,7 @@ pub mod lanes;
 pub mod light_sample;
 pub mod material_sort;
 pub mod math;
+pub mod mixture;
 pub mod queue;
 pub mod roulette_compact;
 pub mod sampler;

@@ -75,7 +75,13 @@ impl Kernel for MaterialSort<'_> {
     type Output = Sorted;
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) -> Sorted {
-        material_sort(self.tags, self.max_depth, self.paths, self.hits, self.order, self.free)
+        let MaterialSort { tags, max_depth, paths, hits, order, free } = self;
+        // Of mixtures, the hits know what was chosen.
+        if hits.material.is_empty() {
+            material_sort::<false>(tags, max_depth, paths, hits, order, free)
+        } else {
+            material_sort::<true>(tags, max_depth, paths, hits, order, free)
+        }
     }
 }
 
@@ -88,12 +94,18 @@ pub fn list_of(tags: &[u32], max_depth: u32, primitive: u32, depth: u32) -> (usi
         return (list::MISSED, false);
     }
     let tag = PrimitiveTag(tags[primitive as usize]);
-    let ended = depth >= max_depth || tag.class() == MaterialClass::Absorber as u32;
-    (if ended { list::ENDED } else { list::of_number(tag.class()) }, tag.emits())
+    (list_of_class(max_depth, tag.class(), depth), tag.emits())
+}
+
+/// Which list a path belongs to that met a material of this class.
+#[inline(always)]
+pub fn list_of_class(max_depth: u32, class: u32, depth: u32) -> usize {
+    let ended = depth >= max_depth || class == MaterialClass::Absorber as u32;
+    if ended { list::ENDED } else { list::of_number(class) }
 }
 
 #[inline(always)]
-fn material_sort(
+fn material_sort<const MIXES: bool>(
     tags: &[u32],
     max_depth: u32,
     paths: &PathQueue,
@@ -106,7 +118,11 @@ fn material_sort(
     let mut emitting = 0;
     let keys = &mut order.key[..n];
     for (i, key) in keys.iter_mut().enumerate() {
-        let (list, emits) = list_of(tags, max_depth, hits.primitive[i], paths.slot_depth[i] >> SLOT_BITS);
+        let depth = paths.slot_depth[i] >> SLOT_BITS;
+        let (mut list, emits) = list_of(tags, max_depth, hits.primitive[i], depth);
+        if MIXES && list != list::MISSED {
+            list = list_of_class(max_depth, PrimitiveTag(hits.material[i]).class(), depth);
+        }
         *key = list as u8 | if emits { EMITS } else { 0 };
         counts[list & (BUCKETS - 1)] += 1;
         emitting += emits as usize;

@@ -200,6 +200,20 @@ impl<F: Real> Frame<F> {
         let t = Vec3::new(b, (n.y * n.y).mul_add(a, sign), -n.y);
         Frame { s, t, n }
     }
+    /// Around a unit normal, with the first tangent as close as can be to a vector; any tangents where that is 0 or along
+    /// the normal.
+    #[inline(always)]
+    pub fn along(n: Vec3<F>, tangent: Vec3<F>) -> Self {
+        let any = Self::from_normal(n);
+        // Scenes are of any scale: squares must not leave the range of numbers.
+        let largest = tangent.x.abs().max(tangent.y.abs()).max(tangent.z.abs());
+        let tangent = tangent.scale(largest.recip());
+        let flat = n.mul_add(-n.dot(tangent), tangent);
+        // False where it is 0 / 0, too.
+        let there = flat.length2().gt(F::lit(1e-8));
+        let s = Vec3::select(there, flat.normalize(), any.s);
+        Frame { s, t: n.cross(s), n }
+    }
     /// From the frame's coordinates to the world's.
     #[inline(always)]
     pub fn to_world(&self, v: Vec3<F>) -> Vec3<F> {

@@ -25,6 +25,8 @@ pub enum Needs {
     LightSampling,
     /// With a reconstruction filter that has negative lobes.
     FilterWeights,
+    /// In scenes with mixtures of materials.
+    Mixtures,
     /// In scenes with instances: no scene has any yet, copies stand for them.
     Instances,
 }
@@ -44,6 +46,8 @@ pub struct Requirements {
     pub light_sampling: bool,
     /// See [`Needs::FilterWeights`].
     pub filter_weights: bool,
+    /// See [`Needs::Mixtures`].
+    pub mixtures: bool,
     /// See [`Needs::Instances`].
     pub instances: bool,
     /// What the film holds beside radiance.
@@ -59,6 +63,7 @@ impl Requirements {
             Needs::Barycentric => self.smooth_normals || self.textures || self.cutouts,
             Needs::LightSampling => self.light_sampling,
             Needs::FilterWeights => self.filter_weights,
+            Needs::Mixtures => self.mixtures,
             Needs::Instances => self.instances,
         }
     }
@@ -150,6 +155,10 @@ queues! {
         primitive: u32, Always, "primitive, or none";
         u: f32, Barycentric, "barycentric weight of the second corner";
         v: f32, Barycentric, "barycentric weight of the third corner";
+        material: u32, Mixtures, "class and row of the material that was chosen";
+        weight_r: f32, Mixtures, "what the material's light is multiplied by, red";
+        weight_g: f32, Mixtures, "what the material's light is multiplied by, green";
+        weight_b: f32, Mixtures, "what the material's light is multiplied by, blue";
         instance: u32, Instances, "instance that the primitive is a part of";
     }
     /// What stays in place while a path lives, by slot.

@@ -30,6 +30,8 @@ pub mod dimension {
     pub const ROULETTE: u32 = 3;
     /// Choice of a lobe where a direction is sampled, too (single).
     pub const LOBE: u32 = 4;
+    /// Choice of a material of a mixture (single).
+    pub const MIXTURE: u32 = 5;
 }
 
 /// The numbers of one sample a lane.

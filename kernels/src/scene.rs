@@ -174,7 +174,7 @@ impl Scene {
     }
     /// The row of the material of a primitive with this tag, which is one of the scene's.
     #[inline(always)]
-    pub(crate) fn row_of(&self, tag: u32) -> u32 {
+    pub fn row_of(&self, tag: u32) -> u32 {
         let tag = PrimitiveTag(tag);
         let id = tag.0 & PrimitiveTag::ID_MASK;
         if tag.emits() { self.lights().material_of(id as usize) } else { id }

@@ -9,12 +9,15 @@ use statistics::{Around, Mean, Random, assert_distributed, cross, dot, normalize
 use wavepath_kernels::isa::{Isa, Kernel, Level};
 use wavepath_kernels::lanes::{Mask, Real, Uint};
 use wavepath_kernels::math::{Rgb, Vec3};
-use wavepath_kernels::scene::{MaterialHandle, MaterialTable};
+use wavepath_kernels::scene::{MaterialHandle, MaterialTable, PrimitiveTag};
 use wavepath_kernels::shade::bsdf::{Bsdf, BsdfSample};
+use wavepath_kernels::shade::coated::{Coat, Passage};
+use wavepath_kernels::shade::coated_conductor::Layers;
 use wavepath_kernels::shade::fresnel;
 use wavepath_kernels::shade::materials::{
-    Conductor, Dielectric, DiffuseTransmission, Lambert, Listed, Material, MaterialClass, MaterialError,
-    Mirror, OrenNayar, RoughConductor, ThinDielectric,
+    AnisotropicConductor, Coated, CoatedConductor, Conductor, Dielectric, DiffuseTransmission, Lambert,
+    Listed, Material, MaterialClass, MaterialError, Mirror, OrenNayar, RoughConductor, RoughDielectric,
+    ThinDielectric, Uber,
 };
 use wavepath_kernels::shade::parameters::{BadParameter, Parameter, Parameters, TextureId};
 
@@ -57,6 +60,83 @@ fn diffuse_transmission(reflectance: [f32; 3], transmittance: [f32; 3]) -> Diffu
     DiffuseTransmission { reflectance: reflectance.into(), transmittance: transmittance.into() }
 }
 
+fn rough_dielectric(eta: f32, alpha: [f32; 2]) -> RoughDielectric {
+    RoughDielectric {
+        eta: eta.into(),
+        reflectance: [1.0; 3].into(),
+        transmittance: [1.0; 3].into(),
+        alpha_u: alpha[0].into(),
+        alpha_v: alpha[1].into(),
+    }
+}
+fn coated(coat: Coat, reflectance: [f32; 3], specular: [f32; 3], eta: f32, alpha: [f32; 2]) -> Coated {
+    layered(coat, reflectance, specular, eta, alpha, (0.01, 5.0))
+}
+/// With a thickness, and reflections at the base that are followed.
+fn layered(
+    coat: Coat,
+    reflectance: [f32; 3],
+    specular: [f32; 3],
+    eta: f32,
+    alpha: [f32; 2],
+    (thickness, orders): (f32, f32),
+) -> Coated {
+    let passage = Passage::new(coat, eta as f64, alpha.map(f64::from), thickness as f64);
+    Coated {
+        reflectance: reflectance.into(),
+        specular: specular.into(),
+        eta: eta.into(),
+        alpha_u: alpha[0].into(),
+        alpha_v: alpha[1].into(),
+        orders: orders.into(),
+        coat: coat.number().into(),
+        passage: passage.columns().into(),
+    }
+}
+
+fn brushed(alpha: [f32; 2]) -> AnisotropicConductor {
+    let [alpha_u, alpha_v] = alpha.map(Parameter::Constant);
+    AnisotropicConductor { eta: GOLD.0.into(), k: GOLD.1.into(), alpha_u, alpha_v }
+}
+fn uber() -> Uber {
+    let [a, b, c] = [[0.1f32, 0.3, 0.2], [0.2, 0.4, 0.3], [0.5, 0.25, 0.4]];
+    Uber {
+        diffuse: a.into(),
+        glossy: c.into(),
+        mirrored: a.into(),
+        refracted: b.into(),
+        opacity: [0.8, 0.7, 0.9].into(),
+        reflect: [0.4, 0.5, 0.6].into(),
+        transmit: [0.6, 0.5, 0.4].into(),
+        eta: 1.4.into(),
+        alpha_u: 0.4.into(),
+        alpha_v: 0.4.into(),
+    }
+}
+
+/// Gold, roughly, under a coat.
+fn layers_on_gold(alpha: f64, conductor_alpha: f64) -> Layers {
+    let index = |c: [f32; 3]| c.map(|x| x as f64 / 1.5);
+    Layers {
+        eta: 1.5,
+        alpha,
+        thickness: 0.01,
+        conductor_eta: index(GOLD.0),
+        conductor_k: index(GOLD.1),
+        conductor_alpha,
+        orders: 5,
+    }
+}
+fn coated_conductor(layers: Layers) -> CoatedConductor {
+    let [once, more] = layers.columns();
+    CoatedConductor {
+        eta: (layers.eta as f32).into(),
+        alpha: (layers.alpha as f32).into(),
+        once: once.into(),
+        more: more.into(),
+    }
+}
+
 /// Draws a direction as the path step does.
 fn draw<F: Real, B: Bsdf<F>>(bsdf: &B, wo: [f64; 3], random: &mut Random) -> BsdfSample<F> {
     let u = [random.unit(), random.unit()].map(F::lit);
@@ -87,6 +167,24 @@ fn single(v: [f64; 3]) -> [f64; 3] {
 }
 
 const COSINES: [f64; 5] = [1.0, 0.9, 0.5, 0.1, 0.01];
+/// Coats, smooth and rough, some of them wider along one tangent.
+fn coats() -> impl Iterator<Item = (String, Coated)> {
+    let coats = [
+        (Coat::Layered, 1.5, [0.0; 2]),
+        (Coat::Layered, 1.33, [0.3; 2]),
+        (Coat::Layered, 2.0, [1.0; 2]),
+        (Coat::Added, 1.0 / 1.5, [0.4; 2]),
+        (Coat::Added, 1.5, [0.25, 0.6]),
+        (Coat::Blended, 1.5, [0.7, 0.3]),
+        (Coat::Blended, 1.5, [0.5; 2]),
+    ];
+    coats.into_iter().map(|(coat, eta, alpha)| {
+        let material = coated(coat, [0.2, 0.5, 0.9], [0.5, 0.4, 0.25], eta, alpha);
+        (format!("{coat:?}, index {eta}, alpha {alpha:?}"), material)
+    })
+}
+const DIELECTRICS: [(f32, [f32; 2]); 5] =
+    [(1.5, [0.3; 2]), (1.0 / 1.3, [0.6; 2]), (1.1, [1.0; 2]), (1.7, [0.25, 0.8]), (2.4, [0.5; 2])];
 const SIGMAS: [f32; 3] = [10.0, 20.0, 60.0];
 const ALPHAS: [f32; 6] = [0.01, 0.03, 0.1, 0.3, 0.6, 1.0];
 /// What is reflected diffusely, and what passes diffusely.
@@ -132,7 +230,8 @@ fn assert_samples<F: Scalar, M: Material>(
     let mut random = Random::new(1);
     for _ in 0..SAMPLES {
         let s = draw(&bsdf, wo, &mut random);
-        let bin = if s.valid { map.bin(array(s.wi)) } else { integrals.len() };
+        // A specular lobe beside others has no density.
+        let bin = if s.valid && s.pdf.into() > 0.0 { map.bin(array(s.wi)) } else { integrals.len() };
         observed[bin] += 1;
     }
     assert_distributed(what, &observed, &expected, family);
@@ -160,7 +259,19 @@ fn assert_sampling<M: Material>(what: &str, material: M, alpha: Option<f32>, fam
 
 #[test]
 fn samples_follow_their_density() {
-    let family = (1 + SIGMAS.len() + ALPHAS.len() + 2 * SHARES.len()) * COSINES.len();
+    let sided = 2 * (SHARES.len() + DIELECTRICS.len() + 1);
+    let family = (1 + SIGMAS.len() + ALPHAS.len() + sided + coats().count() + 3) * COSINES.len();
+    for (what, material) in coats() {
+        assert_sampling(&what, material, None, family);
+    }
+    assert_sampling("uber", uber(), None, family);
+    assert_sampling("brushed metal", brushed([0.25, 0.7]), None, family);
+    assert_sampling("coated conductor", coated_conductor(layers_on_gold(0.0, 0.5)), None, family);
+    assert_sampling("coated conductor", coated_conductor(layers_on_gold(0.5, 0.3)), None, family);
+    for (eta, alpha) in DIELECTRICS {
+        let what = format!("rough dielectric {eta}, alpha {alpha:?}");
+        assert_sampling(&what, rough_dielectric(eta, alpha), None, family);
+    }
     assert_sampling::<Lambert>("Lambert", lambert([0.5; 3]), None, family);
     for sigma in SIGMAS {
         let row = oren_nayar([0.5; 3], sigma);
@@ -185,7 +296,7 @@ fn assert_weights<F: Scalar, M: Material>(what: &str, material: M, tolerance: im
         let behind = M::Bsdf::<F>::TRANSMITS && random.unit() < 0.5;
         let wo = direction(random.magnitude(1e-3, 1.0) * if behind { -1.0 } else { 1.0 });
         let s: BsdfSample<F> = draw(&bsdf, wo, &mut random);
-        if !s.valid {
+        if !s.valid || s.pdf.into() == 0.0 {
             continue;
         }
         let wi = array(s.wi);
@@ -230,6 +341,25 @@ fn weight_is_value_over_density() {
     }
 }
 
+#[test]
+fn weight_is_value_over_density_of_coats_and_rough_glass() {
+    let sensitivity = |o: f64, i: f64| 1.0 + 1.0 / (o.abs() + i.abs());
+    for (what, material) in coats() {
+        assert_weights::<f64, _>(&what, material, |o, i| 1e-12 * sensitivity(o, i));
+        assert_weights::<f32, _>(&what, material, |o, i| 4e-6 * sensitivity(o, i));
+    }
+    assert_weights::<f64, _>("uber", uber(), |o, i| 1e-10 * sensitivity(o, i));
+    assert_weights::<f32, _>("uber", uber(), |o, i| 1e-4 * sensitivity(o, i));
+    for (eta, alpha) in DIELECTRICS {
+        // The half vector of refraction is a difference, of the size of eta - 1.
+        let bend = 1.0 / (eta as f64 - 1.0).abs();
+        let what = format!("rough dielectric {eta}, alpha {alpha:?}");
+        let material = rough_dielectric(eta, alpha);
+        assert_weights::<f64, _>(&what, material, |o, i| 1e-10 * bend * sensitivity(o, i));
+        assert_weights::<f32, _>(&what, material, |o, i| 1e-4 * (1.0 + bend * bend) * sensitivity(o, i));
+    }
+}
+
 fn assert_reciprocal<M: Material>(what: &str, material: M) {
     let bsdf = bsdf::<M, f64>(material);
     let transmits = M::Bsdf::<f64>::TRANSMITS;
@@ -261,6 +391,269 @@ fn materials_are_reciprocal() {
     }
     for (reflectance, transmittance) in SHARES {
         assert_reciprocal("diffuse transmission", diffuse_transmission(reflectance, transmittance));
+    }
+}
+
+/// Of equal roughness along both tangents, brushed metal is rough metal; a turn by a right angle exchanges them.
+#[test]
+fn brushed_metal_is_rough_metal_stretched() {
+    let mut random = Random::new(37);
+    let (equal, plain) = (bsdf::<_, f64>(brushed([0.3; 2])), bsdf::<_, f64>(rough(0.3)));
+    let [along, across] = [[0.1, 0.4], [0.4, 0.1]].map(|alpha| bsdf::<_, f64>(brushed(alpha)));
+    let turned = |[x, y, z]: [f64; 3]| [-y, x, z];
+    for _ in 0..2_000 {
+        let [wo, wi] = [0; 2].map(|_| random.direction()).map(|[x, y, z]| [x, y, z.abs()]);
+        let near =
+            |a: f64, b: f64| assert!((a - b).abs() <= 1e-9 * (a + b), "{a}, not {b}, for {wo:?}, {wi:?}");
+        near(equal.eval(lanes(wo), lanes(wi)).g, plain.eval(lanes(wo), lanes(wi)).g);
+        near(equal.pdf(lanes(wo), lanes(wi)), plain.pdf(lanes(wo), lanes(wi)));
+        let [there, back] = [wo, wi].map(turned);
+        near(along.eval(lanes(wo), lanes(wi)).r, across.eval(lanes(there), lanes(back)).r);
+        near(along.pdf(lanes(wo), lanes(wi)), across.pdf(lanes(there), lanes(back)));
+    }
+}
+
+#[test]
+fn coats_are_reciprocal() {
+    assert_reciprocal("coated conductor", coated_conductor(layers_on_gold(0.4, 0.2)));
+    assert_reciprocal("brushed metal", brushed([0.1, 0.5]));
+    for (what, material) in coats() {
+        assert_reciprocal(&what, material);
+    }
+}
+
+/// Reflection is reciprocal; refraction is when radiance is counted over the squared index (Veach 1997, section 5.2).
+#[test]
+fn rough_glass_is_reciprocal_but_for_the_index() {
+    let mut random = Random::new(31);
+    for (eta, alpha) in DIELECTRICS {
+        let bsdf = bsdf::<_, f64>(rough_dielectric(eta, alpha));
+        let mut refracted = 0;
+        for _ in 0..2_000 {
+            let [a, b] = [0; 2].map(|_| random.direction());
+            let index2 = |w: [f64; 3]| if w[2] > 0.0 { 1.0 } else { (eta as f64).powi(2) };
+            // Radiance that comes from wi falls or rises by the index on the side of wo.
+            let f = bsdf.eval(lanes(a), lanes(b)).r / b[2].abs() / index2(a);
+            let g = bsdf.eval(lanes(b), lanes(a)).r / a[2].abs() / index2(b);
+            assert!((f - g).abs() <= 1e-6 * (f + g), "index {eta}: {f} and {g} for {a:?}, {b:?}");
+            refracted += (a[2] * b[2] < 0.0 && f > 0.0) as u32;
+        }
+        assert!(refracted > 20, "index {eta}: {refracted}");
+    }
+}
+
+/// What is not reflected passes, with the index taken out: all of it where facets are nearly smooth, never more.
+#[test]
+fn rough_glass_keeps_energy() {
+    let mut random = Random::new(32);
+    for eta in [1.5f32, 1.0 / 1.5, 1.1, 2.4] {
+        for (alpha, least) in [(1e-3, 0.998), (0.05, 0.95), (0.3, 0.7), (1.0, 0.45)] {
+            for cos in [0.95, 0.6, 0.3, -0.3, -0.9] {
+                let (fast, wo) = (bsdf::<_, f32>(rough_dielectric(eta, [alpha; 2])), single(direction(cos)));
+                let mean = Mean::of((0..20_000).map(|_| {
+                    let s = draw(&fast, wo, &mut random);
+                    if s.valid { (s.weight.r * s.eta_scale) as f64 } else { 0.0 }
+                }));
+                let got = mean.mean;
+                assert!(got < 1.0 + 1e-5 && got > least, "index {eta}, alpha {alpha}, cos {cos}: {got}");
+            }
+        }
+    }
+}
+
+/// A walk between the surface of a coat and a diffuse base, as pbrt-v4 takes it: the share of light that comes back, by
+/// quarter of the squared cosine. An oracle that knows nothing of the closed form but the microfacets.
+fn walk(
+    random: &mut Random,
+    wo: [f64; 3],
+    (albedo, eta, alpha, thickness): (f64, f64, f64, f64),
+    orders: u32,
+) -> (usize, f64) {
+    let coat = |w: [f64; 3], random: &mut Random| -> Option<([f64; 3], f64)> {
+        // Above the coat z is positive; a smooth coat is a dielectric.
+        if alpha == 0.0 {
+            let s = draw(&bsdf::<_, f64>(dielectric(eta as f32, [1.0; 3], [1.0; 3])), w, random);
+            return s.valid.then(|| (array(s.wi), s.weight.r * s.eta_scale));
+        }
+        let s = draw(&bsdf::<_, f64>(rough_dielectric(eta as f32, [alpha as f32; 2])), w, random);
+        s.valid.then(|| (array(s.wi), s.weight.r * s.eta_scale))
+    };
+    let quarter = |w: [f64; 3]| ((w[2] * w[2] * 4.0) as usize).min(3);
+    let Some((mut w, mut beta)) = coat(wo, random) else { return (0, 0.0) };
+    if w[2] > 0.0 {
+        return (quarter(w), beta);
+    }
+    for _ in 0..orders {
+        // Down to the base, and up again by the cosine.
+        beta *= (thickness / w[2]).exp() * albedo;
+        let (r2, phi) = (random.unit(), random.unit() * 2.0 * PI);
+        let up = [r2.sqrt() * phi.cos(), r2.sqrt() * phi.sin(), (1.0 - r2).sqrt()];
+        beta *= (-thickness / up[2]).exp();
+        // The coat from below: the direction that the light comes from is -up.
+        let Some((next, weight)) = coat([-up[0], -up[1], -up[2]], random) else { return (0, 0.0) };
+        (w, beta) = (next, beta * weight);
+        if w[2] > 0.0 {
+            return (quarter(w), beta);
+        }
+    }
+    (0, 0.0)
+}
+
+/// The closed form of layers is the mean of the random walk between them.
+#[test]
+fn layers_are_what_a_walk_between_them_finds() {
+    const SAMPLES: usize = 60_000;
+    let mut random = Random::new(33);
+    for (eta, alpha) in [(1.5, 0.0), (1.5, 0.1), (1.33, 0.5), (1.7, 0.5), (1.5, 1.0)] {
+        for (albedo, thickness, orders) in [(0.8, 0.01, 5), (1.0, 0.1, 12)] {
+            let layers = (thickness, orders as f32);
+            let material = layered(Coat::Layered, [albedo; 3], [1.0; 3], eta, [alpha; 2], layers);
+            let closed = bsdf::<_, f32>(material);
+            for cos in [0.95, 0.55, 0.15] {
+                let wo = single(direction(cos));
+                let mut means = [(); 4].map(|()| [Mean::default(), Mean::default()]);
+                for _ in 0..SAMPLES {
+                    let s = draw(&closed, wo, &mut random);
+                    let numbers = (albedo as f64, eta as f64, alpha as f64, thickness as f64);
+                    let (at, beta) = walk(&mut random, wo, numbers, orders);
+                    for (quarter, [one, other]) in means.iter_mut().enumerate() {
+                        let here = s.valid && ((s.wi.z * s.wi.z * 4.0) as usize).min(3) == quarter;
+                        one.add(if here { s.weight.r as f64 } else { 0.0 });
+                        other.add(if at == quarter { beta } else { 0.0 });
+                    }
+                }
+                for (quarter, [one, other]) in means.iter().enumerate() {
+                    let (a, b) = (one.mean, other.mean);
+                    let noise = one.standard_error().hypot(other.standard_error());
+                    assert!(
+                        (a - b).abs() < 4.5 * noise + 3e-3 * b,
+                        "index {eta}, alpha {alpha}, albedo {albedo}, cos {cos}, quarter {quarter}: {a}, not {b}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// pbrt-v3's plastic and substrate, by their formulas.
+#[test]
+fn coats_of_version_three_are_their_formulas() {
+    let mut random = Random::new(34);
+    let (kd, ks, alpha) = ([0.2f32, 0.5, 0.9], [0.5f32, 0.4, 0.25], 0.3);
+    let plastic = bsdf::<_, f64>(coated(Coat::Added, kd, ks, 1.0 / 1.5, [alpha; 2]));
+    let substrate = bsdf::<_, f64>(coated(Coat::Blended, kd, ks, 1.5, [alpha; 2]));
+    let fifth = |x: f64| x.powi(5);
+    for _ in 0..2_000 {
+        let [wo, wi] =
+            [0; 2].map(|_| random.direction()).map(|[x, y, z]| [x, y, z.abs().max(1e-3)]).map(normalize);
+        let h = normalize(statistics::add(wo, wi));
+        let cos = dot(wi, h);
+        // Total reflection: as from inside.
+        let f = fresnel::dielectric(cos, (1.0f32 / 1.5) as f64).0;
+        let d = ggx(wo, wi, alpha) * 4.0 * wo[2] * wi[2];
+        let shadowed = {
+            let a2 = (alpha as f64).powi(2);
+            let tan2 = |w: [f64; 3]| (w[0] * w[0] + w[1] * w[1]) / (w[2] * w[2]);
+            let lambda = |w: [f64; 3]| 0.5 * ((1.0 + a2 * tan2(w)).sqrt() - 1.0);
+            1.0 / (1.0 + lambda(wo) + lambda(wi))
+        };
+        let (one, other) =
+            (channels(plastic.eval(lanes(wo), lanes(wi))), channels(substrate.eval(lanes(wo), lanes(wi))));
+        for c in 0..3 {
+            let (kd, ks) = (kd[c] as f64, ks[c] as f64);
+            let want = (kd * FRAC_1_PI + ks * f * ggx(wo, wi, alpha)) * wi[2];
+            assert!((one[c] / want - 1.0).abs() < 1e-6, "plastic: {}, not {want}", one[c]);
+            let base = 28.0 / (23.0 * PI)
+                * kd
+                * (1.0 - ks)
+                * (1.0 - fifth(1.0 - 0.5 * wi[2]))
+                * (1.0 - fifth(1.0 - 0.5 * wo[2]));
+            let schlick = ks + (1.0 - ks) * fifth(1.0 - cos);
+            let want = (base + d / shadowed * schlick / (4.0 * cos * wi[2].max(wo[2]))) * wi[2];
+            assert!((other[c] / want - 1.0).abs() < 1e-5, "substrate: {}, not {want}", other[c]);
+        }
+    }
+}
+
+/// What comes back from a conductor under a coat has the energy of a walk between the two, whatever its shape.
+#[test]
+fn coated_conductors_have_the_energy_of_a_walk() {
+    let mut random = Random::new(36);
+    for (alpha, conductor_alpha) in [(0.0, 0.0), (0.0, 0.5), (0.5, 0.0), (0.5, 0.2), (0.2, 0.5)] {
+        let layers = layers_on_gold(alpha, conductor_alpha);
+        let fast = bsdf::<_, f32>(coated_conductor(layers));
+        let metal = rough_conductor(
+            layers.conductor_eta.map(|x| x as f32),
+            layers.conductor_k.map(|x| x as f32),
+            conductor_alpha.max(1e-3) as f32,
+        );
+        let (coat, metal) =
+            (bsdf::<_, f64>(rough_dielectric(1.5, [alpha.max(1e-3) as f32; 2])), bsdf::<_, f64>(metal));
+        for cos in [0.95, 0.6, 0.3] {
+            let wo = single(direction(cos));
+            let mut walk = || {
+                let s = draw(&coat, wo, &mut random);
+                let (mut w, mut beta) = (array(s.wi), s.weight.r * s.eta_scale);
+                if !s.valid || w[2] > 0.0 {
+                    return if s.valid { beta } else { 0.0 };
+                }
+                for _ in 0..5 {
+                    let at = w.map(|x| -x);
+                    let s = draw(&metal, at, &mut random);
+                    if !s.valid {
+                        return 0.0;
+                    }
+                    let up = array(s.wi);
+                    beta *= s.weight.r * (-0.01 / at[2] - 0.01 / up[2]).exp();
+                    let s = draw(&coat, up.map(|x| -x), &mut random);
+                    if !s.valid {
+                        return 0.0;
+                    }
+                    (w, beta) = (array(s.wi), beta * s.weight.r * s.eta_scale);
+                    if w[2] > 0.0 {
+                        return beta;
+                    }
+                }
+                0.0
+            };
+            let want = Mean::of((0..40_000).map(|_| walk()));
+            let got = Mean::of((0..40_000).map(|_| {
+                let s = draw(&fast, wo, &mut random);
+                if s.valid { s.weight.r as f64 } else { 0.0 }
+            }));
+            let noise = want.standard_error().hypot(got.standard_error());
+            assert!(
+                (got.mean - want.mean).abs() < 4.5 * noise + 0.02 * want.mean,
+                "alpha {alpha} and {conductor_alpha}, cos {cos}: {}, not {}",
+                got.mean,
+                want.mean
+            );
+            assert!(got.mean < 1.0 + 4.0 * noise);
+        }
+    }
+}
+
+/// A layered coat never reflects more than it gets.
+#[test]
+fn layers_keep_energy() {
+    let mut random = Random::new(35);
+    for eta in [1.05f32, 1.5, 2.5] {
+        for alpha in [0.0, 0.02, 0.1, 0.4, 1.0] {
+            let material = layered(Coat::Layered, [1.0; 3], [1.0; 3], eta, [alpha; 2], (0.0, 255.0));
+            let fast = bsdf::<_, f32>(material);
+            for cos in [1.0, 0.7, 0.3, 0.05] {
+                let wo = single(direction(cos));
+                let mean = Mean::of((0..40_000).map(|_| {
+                    let s = draw(&fast, wo, &mut random);
+                    if s.valid { s.weight.r as f64 } else { 0.0 }
+                }));
+                let (got, noise) = (mean.mean, mean.standard_error());
+                let what = format!("index {eta}, alpha {alpha}, cos {cos}: {got}");
+                assert!(got < 1.003 + 4.0 * noise, "{what}");
+                // Without absorption and roughness nothing is lost.
+                assert!(alpha > 0.0 || got > 0.997 - 4.0 * noise, "{what}");
+            }
+        }
     }
 }
 
@@ -647,6 +1040,9 @@ fn single_precision_is_enough() {
     for (reflectance, transmittance) in SHARES {
         assert_precise("diffuse transmission", diffuse_transmission(reflectance, transmittance), 1e-6);
     }
+    for (what, material) in coats() {
+        assert_precise(&what, material, 2e-5);
+    }
     for alpha in [1e-3, 0.01, 0.1, 0.3, 1.0] {
         // Rounding of the half vector (1e-7), relative to the width of the lobe.
         let tolerance = 2e-6 + 8e-7 / alpha as f64;
@@ -671,7 +1067,12 @@ fn assert_finite<M: Material>(what: &str, material: M) {
             assert!(weight.iter().all(|w| w.is_finite() && *w >= 0.0), "{what}: {weight:?}");
             assert!(s.pdf.is_finite() && s.eta_scale.is_finite());
             if !M::Bsdf::<f32>::SPECULAR {
-                assert!(s.pdf > 0.0 && bsdf.pdf(lanes(wo), s.wi).is_finite(), "{what}");
+                // 0 where a specular lobe beside others was taken.
+                assert!(s.pdf >= 0.0, "{what}");
+                if s.pdf == 0.0 {
+                    continue;
+                }
+                assert!(bsdf.pdf(lanes(wo), s.wi).is_finite(), "{what}");
                 assert!(
                     bsdf.eval(lanes(wo), s.wi).lane(0).iter().all(|f| f.is_finite() && *f >= 0.0),
                     "{what}"
@@ -686,11 +1087,22 @@ fn extremes_stay_finite() {
     assert_finite::<Lambert>("Lambert", lambert([1.0; 3]));
     assert_finite::<OrenNayar>("Oren-Nayar", oren_nayar([1.0; 3], 60.0));
     assert_finite("mirror", mirror([1.0; 3]));
+    assert_finite("uber", uber());
+    assert_finite("coated conductor", coated_conductor(layers_on_gold(0.0, 0.3)));
+    assert_finite("coated conductor", coated_conductor(layers_on_gold(0.3, 0.0)));
     assert_finite("diffuse transmission", diffuse_transmission([1.0; 3], [1.0; 3]));
     assert_finite("diffuse transmission, black", diffuse_transmission([0.0; 3], [0.0; 3]));
     assert_finite::<Conductor>("conductor", conductor(GOLD.0, GOLD.1));
     for alpha in [1e-3, 1e-2, 0.1, 1.0] {
         assert_finite::<RoughConductor>(&format!("rough conductor {alpha}"), rough(alpha));
+    }
+    for (what, material) in coats() {
+        assert_finite(&what, material);
+    }
+    for eta in [1.5, 0.1, 1.0001, 10.0] {
+        for alpha in [1e-4, 1e-3, 0.1, 1.0] {
+            assert_finite(&format!("rough dielectric {eta}, {alpha}"), rough_dielectric(eta, [alpha; 2]));
+        }
     }
     for eta in [1.5, 0.1, 1.0, 1.0001, 10.0] {
         assert_finite::<Dielectric>(&format!("dielectric {eta}"), dielectric(eta, [1.0; 3], [1.0; 3]));
@@ -713,6 +1125,13 @@ fn wide_lanes_scatter_to_the_same_bits() {
             compare::<I::Wide, I::One, _>(diffuse_transmission([0.2, 0.5, 0.9], [0.6, 0.1, 0.05]));
             compare::<I::Wide, I::One, Dielectric>(dielectric(1.5, TINTS.0, TINTS.1));
             compare::<I::Wide, I::One, ThinDielectric>(thin_dielectric(1.5));
+            compare::<I::Wide, I::One, _>(rough_dielectric(1.5, [0.2, 0.4]));
+            compare::<I::Wide, I::One, _>(uber());
+            compare::<I::Wide, I::One, _>(brushed([0.2, 0.5]));
+            compare::<I::Wide, I::One, _>(coated_conductor(layers_on_gold(0.0, 0.3)));
+            compare::<I::Wide, I::One, _>(coated(Coat::Layered, [0.2; 3], [1.0; 3], 1.5, [0.0; 2]));
+            compare::<I::Wide, I::One, _>(coated(Coat::Layered, [0.2; 3], [1.0; 3], 1.5, [0.3; 2]));
+            compare::<I::Wide, I::One, _>(coated(Coat::Blended, [0.2; 3], [0.5; 3], 1.5, [0.3; 2]));
         }
     }
     #[inline(always)]
@@ -839,11 +1258,67 @@ fn classes_need_what_their_lobes_need() {
     };
     assert_eq!(
         names(MaterialClass::samples_lights),
-        ["lambert", "oren_nayar", "rough_conductor", "diffuse_transmission"]
+        [
+            "lambert",
+            "oren_nayar",
+            "rough_conductor",
+            "diffuse_transmission",
+            "anisotropic_conductor",
+            "rough_dielectric",
+            "coated",
+            "coated_conductor",
+            "uber"
+        ]
     );
-    assert_eq!(names(MaterialClass::scales_radiance), ["dielectric"]);
-    assert_eq!(MaterialClass::scattering().count(), MaterialClass::COUNT - 1);
+    assert_eq!(names(MaterialClass::scales_radiance), ["dielectric", "rough_dielectric", "uber"]);
+    assert_eq!(MaterialClass::scattering().count(), MaterialClass::COUNT - 2);
     for (number, class) in MaterialClass::ALL.into_iter().enumerate() {
         assert_eq!(class as usize, number);
     }
+}
+
+/// Of a mixture, each material scatters its share of each colour, in mixtures of mixtures, too.
+#[test]
+fn mixtures_choose_by_their_amounts() {
+    let mut table = MaterialTable::default();
+    let (clay, silver) = (table.add(&lambert([0.5; 3])).unwrap(), table.add(&mirror([1.0; 3])).unwrap());
+    let glass = table.add(&thin_dielectric(1.5)).unwrap();
+    assert!(!table.has_mixtures());
+    let (inner, outer) = ([0.25f32, 0.5, 0.75], [0.5f32; 3]);
+    let both = table.add_mixture([clay, silver], inner.into()).unwrap();
+    let all = table.add_mixture([both, glass], outer.into()).unwrap();
+    assert!(table.has_mixtures() && table.contains(all));
+    assert_eq!(
+        table.classes(all),
+        [MaterialClass::Lambert, MaterialClass::Mirror, MaterialClass::ThinDielectric]
+    );
+    let shares = |row: u32| {
+        const N: usize = 40_000;
+        let mut sums = [[0.0f64; 3]; 3];
+        for k in 0..N {
+            let (tag, weight) = table.choose(row, (k as f32 + 0.5) / N as f32, |_| None);
+            let which = [clay, silver, glass].iter().position(|m| tag == PrimitiveTag::material(*m)).unwrap();
+            (0..3).for_each(|c| sums[which][c] += weight[c] as f64 / N as f64);
+        }
+        sums
+    };
+    let near = |got: [f64; 3], want: [f32; 3]| {
+        assert!((0..3).all(|c| (got[c] - want[c] as f64).abs() < 1e-3), "{got:?}, not {want:?}");
+    };
+    let [first, second, third] = shares(both.row);
+    near(first, inner.map(|x| 1.0 - x));
+    near(second, inner);
+    near(third, [0.0; 3]);
+    let [first, second, third] = shares(all.row);
+    near(first, inner.map(|x| 0.5 * (1.0 - x)));
+    near(second, inner.map(|x| 0.5 * x));
+    near(third, outer);
+    // Nothing of one of them, nothing of the other.
+    for (amount, only) in [(0.0, clay), (1.0, silver)] {
+        let mixture = table.add_mixture([clay, silver], [amount; 3].into()).unwrap();
+        for u in [0.0, 0.5, 1.0 - 1.0 / 16_777_216.0] {
+            assert_eq!(table.choose(mixture.row, u, |_| None), (PrimitiveTag::material(only), [1.0; 3]));
+        }
+    }
+    assert!(table.add_mixture([clay, silver], [1.5; 3].into()).is_err());
 }

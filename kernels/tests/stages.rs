@@ -23,6 +23,7 @@ fn all() -> Requirements {
         smooth_normals: true,
         light_sampling: true,
         filter_weights: true,
+        mixtures: false,
         instances: true,
         ..Requirements::default()
     }

@@ -13,6 +13,7 @@ use wavepath_kernels::scene::{
     Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, Lens, MaterialHandle, MaterialTable,
     NoRow, PrimitiveTag, Scene, SceneParts,
 };
+use wavepath_kernels::shade::coated::{MOST_ORDERS, Passage};
 use wavepath_kernels::shade::materials as m;
 use wavepath_kernels::texture::TextureTable;
 
@@ -222,6 +223,17 @@ fn uniform_scale(m: &DAffine3) -> Option<f64> {
     (largest <= 1e-6 * s2).then(|| s2.sqrt())
 }
 
+/// Does it matter which way the coordinates of a surface of this material run?
+fn is_stretched(material: &d::Material) -> bool {
+    match material {
+        d::Material::Conductor { alpha, .. }
+        | d::Material::Dielectric { alpha, .. }
+        | d::Material::Coated { alpha, .. }
+        | d::Material::Uber { alpha, .. } => alpha[0] != alpha[1],
+        _ => false,
+    }
+}
+
 /// Does a transform keep what is round around the z axis so?
 fn is_round(m: &DAffine3) -> bool {
     let DMat3 { x_axis: x, y_axis: y, z_axis: z } = m.matrix3;
@@ -271,15 +283,25 @@ impl Builder<'_> {
             .chain(self.materials.reliefs().iter().map(|(handle, _)| *handle))
             .collect();
         self.cutouts = self.description.shapes.iter().any(|shape| shape.opacity.is_some());
-        if !textured.is_empty() || self.cutouts {
-            self.textured = self.built.iter().map(|handle| textured.contains(handle)).collect();
+        let mut needed: Vec<bool> = Vec::with_capacity(self.built.len());
+        for (material, handle) in self.description.materials.iter().zip(&self.built) {
+            let part = match material {
+                d::Material::Mixture { materials, .. } => {
+                    materials.iter().any(|part| needed.get(part.0 as usize) == Some(&true))
+                }
+                _ => false,
+            };
+            needed.push(part || is_stretched(material) || textured.contains(handle));
+        }
+        if needed.contains(&true) || self.cutouts {
+            self.textured = needed;
             // Number 0: triangles without coordinates of their own.
             self.parametrization(Parametrization::Corners, None);
         }
         Ok(())
     }
 
-    /// Are there textures? Then every primitive has coordinates.
+    /// Are there textures, or materials that are rougher along a coordinate? Then every primitive has coordinates.
     fn has_textures(&self) -> bool {
         !self.textured.is_empty()
     }
@@ -302,7 +324,7 @@ impl Builder<'_> {
         along: Along,
         [zero, one]: [f64; 2],
     ) {
-        if !self.has_textures() {
+        if !self.has_textures() || !shape.visible {
             return;
         }
         let inverse = world.inverse();
@@ -324,6 +346,7 @@ impl Builder<'_> {
     fn material(&mut self, number: u32, material: d::Material) -> Result<MaterialHandle, BuildError> {
         const BLACK: d::Parameter<d::Rgb> = d::Parameter::Constant([0.0; 3]);
         const ZERO: d::Parameter<f32> = d::Parameter::Constant(0.0);
+        const ONE: d::Parameter<f32> = d::Parameter::Constant(1.0);
         let table = &mut self.materials;
         match material {
             d::Material::Diffuse { reflectance: BLACK, .. }
@@ -336,15 +359,81 @@ impl Builder<'_> {
             }
             d::Material::Mirror { reflectance } => table.add(&m::Mirror { reflectance }),
             d::Material::Conductor { eta, k, alpha: [ZERO, ZERO] } => table.add(&m::Conductor { eta, k }),
-            d::Material::Conductor { eta, k, alpha: [alpha, along_v] } => {
-                if alpha != along_v {
-                    let what = format!("anisotropic roughness (alpha {alpha} along u, {along_v} along v)");
-                    return Err(BuildError::Material { material: number, what });
-                }
+            d::Material::Conductor { eta, k, alpha: [alpha, along_v] } if alpha == along_v => {
                 table.add(&m::RoughConductor { eta, k, alpha })
             }
-            d::Material::Dielectric { eta, reflectance, transmittance } => {
+            d::Material::Conductor { eta, k, alpha: [alpha_u, alpha_v] } => {
+                table.add(&m::AnisotropicConductor { eta, k, alpha_u, alpha_v })
+            }
+            // Of index 1 nothing is bent, however rough.
+            d::Material::Dielectric { eta, reflectance, transmittance, alpha: [ZERO, ZERO] }
+            | d::Material::Dielectric { eta: eta @ ONE, reflectance, transmittance, .. } => {
                 table.add(&m::Dielectric { eta, reflectance, transmittance })
+            }
+            d::Material::Dielectric { eta, reflectance, transmittance, alpha: [alpha_u, alpha_v] } => {
+                table.add(&m::RoughDielectric { eta, reflectance, transmittance, alpha_u, alpha_v })
+            }
+            d::Material::Coated {
+                coat,
+                reflectance,
+                specular,
+                eta,
+                alpha: [alpha_u, alpha_v],
+                thickness,
+                max_depth,
+            } => {
+                // Of a walk, every other step is a reflection at the base.
+                let orders = (max_depth.div_ceil(2) as f32).clamp(1.0, MOST_ORDERS).into();
+                // Where the roughness is a texture, the base sees one in the middle.
+                let value =
+                    |parameter: d::Parameter<f32>, else_: f64| parameter.constant().map_or(else_, f64::from);
+                let alpha = [value(alpha_u, 0.3), value(alpha_v, 0.3)];
+                let passage = Passage::new(coat, value(eta, 1.5), alpha, f64::from(thickness));
+                let (coat, passage) = (coat.number().into(), passage.columns().into());
+                table.add(&m::Coated { reflectance, specular, eta, alpha_u, alpha_v, orders, coat, passage })
+            }
+            d::Material::Uber {
+                diffuse,
+                glossy,
+                mirrored,
+                refracted,
+                opacity,
+                reflect,
+                transmit,
+                eta,
+                alpha: [alpha_u, alpha_v],
+            } => table.add(&m::Uber {
+                diffuse,
+                glossy,
+                mirrored,
+                refracted,
+                opacity,
+                reflect,
+                transmit,
+                eta,
+                alpha_u,
+                alpha_v,
+            }),
+            d::Material::CoatedConductor { layers } => {
+                let numbers = [layers.eta, layers.alpha, layers.thickness, layers.conductor_alpha];
+                let [eta, k] = [layers.conductor_eta, layers.conductor_k];
+                if numbers.iter().chain(&eta).chain(&k).any(|x| !(0.0..=1e12).contains(x))
+                    || layers.eta == 0.0
+                {
+                    let what = format!("a number of a coated conductor outside of 0 to 1e12: {layers:?}");
+                    return Err(BuildError::Material { material: number, what });
+                }
+                let [once, more] = layers.columns().map(d::Parameter::Constant);
+                let (eta, alpha) = ((layers.eta as f32).into(), (layers.alpha as f32).into());
+                table.add(&m::CoatedConductor { eta, alpha, once, more })
+            }
+            d::Material::Mixture { materials, amount } => {
+                let found = materials.map(|part| self.built.get(part.0 as usize).copied());
+                let [Some(first), Some(second)] = found else {
+                    let what = "a mixture of materials that do not come before it".into();
+                    return Err(BuildError::Material { material: number, what });
+                };
+                table.add_mixture([first, second], amount)
             }
             d::Material::ThinDielectric { eta } => table.add(&m::ThinDielectric { eta }),
         }
@@ -372,6 +461,9 @@ impl Builder<'_> {
             self.lamp_power += emitter.power;
         }
         let id = self.lights.push(emitter, light);
+        if !shape.visible {
+            self.lights.hide(id);
+        }
         PrimitiveTag::light(material.class, id)
     }
 
@@ -428,7 +520,7 @@ impl Builder<'_> {
                     }),
                 };
                 let of = &mut self.geometry.parametrization_of;
-                of.resize(of.len() + mesh.triangles.len(), number);
+                of.resize(of.len() + if shape.visible { mesh.triangles.len() } else { 0 }, number);
             }
             for triangle in &mesh.triangles {
                 self.triangle(shape, mesh, *triangle, first, first_normal[id]);
@@ -454,7 +546,9 @@ impl Builder<'_> {
             // Vertex normals say which side is out, as in pbrt.
             let n: DVec3 =
                 corners.iter().map(|&k| DVec3::from(mesh.normals[k as usize].map(f64::from))).sum();
-            self.geometry.triangle_normals.push(corners.map(|k| first_normal + k));
+            if shape.visible {
+                self.geometry.triangle_normals.push(corners.map(|k| first_normal + k));
+            }
             n.dot(normal) < 0.0
         };
         if turned {
@@ -463,8 +557,6 @@ impl Builder<'_> {
         let n = normal.as_vec3();
         // With the rounded normal, so that the plane goes through the triangle.
         let distance = p.iter().map(|p| p.dot(n.as_dvec3())).sum::<f64>() / 3.0;
-        self.geometry.triangles.push(corners.map(|k| first + k));
-        self.geometry.planes.push([n.x, n.y, n.z, distance as f32]);
         let tag = match Self::emission(shape) {
             Some(emission) if area > 0.0 => {
                 let row = FlatRow {
@@ -478,7 +570,12 @@ impl Builder<'_> {
             }
             _ => self.tag(shape),
         };
-        self.geometry.tags.push(tag.0);
+        // A light that no ray meets is not among the primitives.
+        if shape.visible {
+            self.geometry.triangles.push(corners.map(|k| first + k));
+            self.geometry.planes.push([n.x, n.y, n.z, distance as f32]);
+            self.geometry.tags.push(tag.0);
+        }
     }
 
     /// A shape that is a whole, round sphere in the world: centre and radius.
@@ -502,20 +599,23 @@ impl Builder<'_> {
             let signed = if shape.flip_normal { -radius } else { radius };
             let c = centre.as_vec3();
             let sphere = [c.x, c.y, c.z, signed as f32];
-            self.geometry.spheres.push(sphere);
             let tag = match Self::emission(shape) {
                 Some(emission) => {
                     let row = SphereRow { centre: c.into(), radius: signed as f32 };
                     let light = match self.spherical {
-                        SphericalLights::Cone => Light::Sphere(row),
-                        SphericalLights::Area => Light::SphereArea(row),
+                        // From inside, the cone leaves the light to the rays that meet it.
+                        SphericalLights::Cone if shape.visible => Light::Sphere(row),
+                        _ => Light::SphereArea(row),
                     };
                     let area = 4.0 * std::f64::consts::PI * radius * radius;
                     self.emitter(shape, emission, area, light)
                 }
                 None => self.tag(shape),
             };
-            self.geometry.tags.push(tag.0);
+            if shape.visible {
+                self.geometry.spheres.push(sphere);
+                self.geometry.tags.push(tag.0);
+            }
         }
     }
 
@@ -546,12 +646,15 @@ impl Builder<'_> {
                     (world_from_object, QuadricForm::Cylinder(Cylinder { radius, z_min, z_max, phi_max }))
                 }
             };
-            self.geometry.quadrics.push(Quadric::new(form, &world_from_object, shape.flip_normal)?);
+            let quadric = Quadric::new(form, &world_from_object, shape.flip_normal)?;
             let tag = match Self::emission(shape) {
                 Some(emission) => self.quadric_light(shape, emission, &world_from_object, form),
                 None => self.tag(shape),
             };
-            self.geometry.tags.push(tag.0);
+            if shape.visible {
+                self.geometry.quadrics.push(quadric);
+                self.geometry.tags.push(tag.0);
+            }
         }
         Ok(())
     }
@@ -716,7 +819,8 @@ mod tests {
             error_of(rough([f32::INFINITY; 2])),
             "material 1: rough_conductor: alpha is inf, expected numbers at least 0.001"
         );
-        assert!(error_of(rough([0.1, 0.2])).contains("anisotropic"));
+        let brushed = error_of(rough([0.1, f32::NAN]));
+        assert!(brushed.starts_with("material 1: anisotropic_conductor: alpha_v is NaN"), "{brushed}");
         let textured = d::Material::ThinDielectric { eta: d::Parameter::Texture(d::TextureId(0)) };
         assert!(error_of(textured).contains("refers to texture 0, but there are 0"));
     }

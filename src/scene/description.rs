@@ -10,6 +10,8 @@ use std::sync::Arc;
 use wavepath_engine::SamplerKind;
 use wavepath_engine::film::Frame;
 pub use wavepath_kernels::scene::Opacity;
+pub use wavepath_kernels::shade::coated::Coat;
+pub use wavepath_kernels::shade::coated_conductor::Layers;
 pub use wavepath_kernels::shade::materials::Relief;
 pub use wavepath_kernels::shade::parameters::{Parameter, TextureId};
 use wavepath_kernels::texture::{Image, Texture};
@@ -89,13 +91,15 @@ impl SceneDescription {
 
     /// Adds a surface that reflects.
     pub fn add_shape(&mut self, geometry: Geometry, material: MaterialId) {
-        self.shapes.push(Shape { geometry, material, emission: None, flip_normal: false, opacity: None });
+        let (opacity, visible) = (None, true);
+        self.shapes.push(Shape { geometry, material, emission: None, flip_normal: false, opacity, visible });
     }
 
     /// Adds a surface that emits `radiance` on the side of its normal.
     pub fn add_lamp(&mut self, geometry: Geometry, material: MaterialId, radiance: Rgb) {
         let emission = Some(Emission { radiance, power: None, two_sided: false });
-        self.shapes.push(Shape { geometry, material, emission, flip_normal: false, opacity: None });
+        let (opacity, visible) = (None, true);
+        self.shapes.push(Shape { geometry, material, emission, flip_normal: false, opacity, visible });
     }
 }
 
@@ -310,6 +314,8 @@ pub struct Shape {
     pub flip_normal: bool,
     /// How much of it is there, if not everything.
     pub opacity: Option<Opacity>,
+    /// Do rays meet it? A lamp that they do not meet (pbrt's `alpha` of 0) still shines.
+    pub visible: bool,
 }
 
 /// Light emitted by a surface, the same in all directions on the side of its normal.
@@ -355,7 +361,7 @@ pub enum Material {
         /// What it reflects at every angle, each channel in [0, 1].
         reflectance: Parameter<Rgb>,
     },
-    /// Smooth dielectric with Fresnel reflection and refraction.
+    /// Dielectric with Fresnel reflection and refraction; GGX where rough.
     Dielectric {
         /// Index inside over index outside (outside: where the normal points).
         eta: Parameter<f32>,
@@ -363,11 +369,63 @@ pub enum Material {
         reflectance: Parameter<Rgb>,
         /// Tint of transmitted light (v3 `Kt`), 1 in pbrt-v4.
         transmittance: Parameter<Rgb>,
+        /// GGX alpha along u and v, remapping applied; `[0, 0]` is smooth.
+        alpha: [Parameter<f32>; 2],
     },
     /// Thin pane of a smooth dielectric: all interreflections, no bend.
     ThinDielectric {
         /// Index of the pane over the index around it.
         eta: Parameter<f32>,
+    },
+    /// A diffuse base under a coat ([`coated`](wavepath_kernels::shade::coated)).
+    Coated {
+        /// How coat and base go together.
+        coat: Coat,
+        /// Albedo of the base, each channel in [0, 1].
+        reflectance: Parameter<Rgb>,
+        /// Tint of what the coat reflects (v3 `Ks`), 1 in pbrt-v4.
+        specular: Parameter<Rgb>,
+        /// Index behind the coat's surface over the index before it.
+        eta: Parameter<f32>,
+        /// GGX alpha of the coat along u and v, remapping applied; `[0, 0]` is smooth.
+        alpha: [Parameter<f32>; 2],
+        /// Optical thickness, of a layered coat.
+        thickness: f32,
+        /// Longest walk between the interfaces of a layered coat (pbrt's `maxdepth` of the material), at least 1.
+        max_depth: u32,
+    },
+    /// A conductor under a dielectric coat ([`coated_conductor`](wavepath_kernels::shade::coated_conductor)).
+    CoatedConductor {
+        /// Both; indices and absorption of the conductor are relative to the coat.
+        layers: Layers,
+    },
+    /// One of two materials, at random.
+    Mixture {
+        /// Which: they come before this one in [`SceneDescription::materials`].
+        materials: [MaterialId; 2],
+        /// Share of the second, each channel in [0, 1].
+        amount: Parameter<Rgb>,
+    },
+    /// pbrt-v3's `uber` and `translucent`: all at once ([`uber`](wavepath_kernels::shade::uber)).
+    Uber {
+        /// Diffuse share, `Kd`.
+        diffuse: Parameter<Rgb>,
+        /// Glossy share, `Ks`.
+        glossy: Parameter<Rgb>,
+        /// Share of the mirror reflection, `Kr`.
+        mirrored: Parameter<Rgb>,
+        /// Share of the refraction, `Kt`.
+        refracted: Parameter<Rgb>,
+        /// How much of the surface is there.
+        opacity: Parameter<Rgb>,
+        /// Share of the diffuse and glossy light that is reflected.
+        reflect: Parameter<Rgb>,
+        /// Share of the diffuse and glossy light that passes.
+        transmit: Parameter<Rgb>,
+        /// Index inside over index outside.
+        eta: Parameter<f32>,
+        /// GGX alpha along u and v, remapping applied.
+        alpha: [Parameter<f32>; 2],
     },
 }
 

@@ -6,22 +6,25 @@ use super::stats::{Laps, Stage, Stats};
 use super::{Job, Tree, add_to_film};
 use crate::film::BlockSums;
 use std::marker::PhantomData;
+use std::num::Wrapping;
 use wavepath_kernels::channels::{Channel, FirstHit, MOST_COMPONENTS, NOTHING, Values, fill_first_hit};
 use wavepath_kernels::cutout::{Blocked, Pass, Seen};
 use wavepath_kernels::generate::camera_ray;
 use wavepath_kernels::intersect::{Accelerator, Hit, TraversalStack};
 use wavepath_kernels::isa::{Isa, Kernel};
 use wavepath_kernels::lanes::{Real, Uint};
-use wavepath_kernels::material_sort::{list, list_of};
+use wavepath_kernels::material_sort::{list, list_of, list_of_class};
 use wavepath_kernels::math::{Rgb, Vec3};
+use wavepath_kernels::mixture::settle;
 use wavepath_kernels::roulette_compact::roulette;
 use wavepath_kernels::sampler::{Stream, stream_seed};
 use wavepath_kernels::scene::{PrimitiveTag, Scene};
+use wavepath_kernels::shade::bsdf::Bsdf;
 use wavepath_kernels::shade::emission::emitted;
 use wavepath_kernels::shade::materials::{ForMaterial, Material};
 use wavepath_kernels::shade::parameters::Parameters;
 use wavepath_kernels::shade::surface::Surface;
-use wavepath_kernels::shade::{Features, Scattered, Vertex, material_of, scatter};
+use wavepath_kernels::shade::{Features, Scattered, Vertex, material_of, scatter, tangent};
 use wavepath_kernels::texture::{EvaluateOne, WIDEST};
 
 /// One worker of the engine: takes tiles until there are none left.
@@ -205,6 +208,14 @@ fn trace<I: Isa, P: Features>(
                 (splat(hit.u), splat(hit.v))
             })
         };
+        let (material, weight) = if scene.materials().has_mixtures() {
+            let [seed, index] = [stream.seed, stream.index].map(|x| Wrapping(x.to_array()[0]));
+            let met = || (hit.primitive, surface, [hit.u, hit.v]);
+            settle::<I, I::One, P::Sampler>(isa, scene, PrimitiveTag(tag), Stream { seed, index }, depth, met)
+        } else {
+            (PrimitiveTag(tag), [1.0; 3])
+        };
+        let list = list_of_class(scene.max_depth(), material.class(), depth);
         if emits {
             let light = uint(tag & PrimitiveTag::ID_MASK);
             // SAFETY: the tag of an emitting primitive holds the number of its light.
@@ -222,16 +233,29 @@ fn trace<I: Isa, P: Features>(
             add(throughput * light);
         }
         let Some(class) = list::class(list) else { break };
-        let vertex = Vertex { surface, direction, throughput, eta_scale, stream, depth: uint(depth) };
+        if weight != [1.0; 3] {
+            throughput = throughput * Rgb::splat(weight);
+        }
+        let primitive = hit.primitive;
         let textured = scene.programs().has_class(class);
         if textured {
             let barycentric = [hit.u, hit.v];
-            let primitive = hit.primitive;
-            surface.shading_normal =
-                isa.run(EvaluateOne { scene, primitive, surface, barycentric, row: &mut row });
+            let material = scene.row_of(material.0);
+            let of = EvaluateOne { scene, primitive, material, surface, barycentric, row: &mut row };
+            surface.shading_normal = isa.run(of);
         }
         let textured = textured.then_some(&row[..]);
-        let step = Step::<_, P> { scene, tag, textured, vertex: &vertex, features: PhantomData };
+        let tangent = Vec3::zero();
+        let vertex =
+            Vertex { surface, tangent, direction, throughput, eta_scale, stream, depth: uint(depth) };
+        let step = Step::<_, P> {
+            scene,
+            tag: material.0,
+            primitive,
+            textured,
+            vertex: &vertex,
+            features: PhantomData,
+        };
         let Some(next) = class.with(step) else { break };
         if P::LIGHTS != 0 && next.shadow.valid {
             stats.shadow_rays += 1;
@@ -272,6 +296,7 @@ struct Step<'a, F: Real, P> {
     tag: u32,
     /// The row of parameters there, if it is not that of the material.
     textured: Option<&'a [f32]>,
+    primitive: u32,
     vertex: &'a Vertex<F>,
     features: PhantomData<P>,
 }
@@ -290,6 +315,13 @@ impl<F: Real, P: Features> ForMaterial for Step<'_, F, P> {
                 Some(row) => <M as Parameters>::evaluate::<F>(row, F::Uint::splat(0)),
             })
         };
+        if M::Bsdf::<F>::ANISOTROPIC {
+            let primitive = F::Uint::splat(self.primitive);
+            // SAFETY: the primitive was hit, so it exists.
+            let tangent = unsafe { tangent(self.scene.geometry(), primitive, &self.vertex.surface, &bsdf) };
+            let vertex = Vertex { tangent, ..*self.vertex };
+            return scatter::<F, M::Bsdf<F>, P>(self.scene, &vertex, &bsdf);
+        }
         scatter::<F, M::Bsdf<F>, P>(self.scene, self.vertex, &bsdf)
     }
 }

@@ -7,7 +7,7 @@ use std::fmt;
 use wavepath_kernels::channels::{Channel, ChannelSet, ChannelTable};
 use wavepath_kernels::queue::{Requirements, bytes_per_path, columns};
 use wavepath_kernels::scene::lights::kind;
-use wavepath_kernels::scene::{MaterialClass, PrimitiveTag, Scene, SceneId};
+use wavepath_kernels::scene::{MaterialClass, MaterialHandle, PrimitiveTag, Scene, SceneId};
 
 /// A stage or kernel that runs or is left out, and why.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -114,7 +114,16 @@ impl Plan {
         let geometry = scene.geometry();
         let mut of_class = [0usize; MaterialClass::COUNT];
         for &tag in geometry.tags() {
-            of_class[PrimitiveTag(tag).class() as usize] += 1;
+            let tag = PrimitiveTag(tag);
+            of_class[tag.class() as usize] += 1;
+            if tag.class() == MaterialClass::Mixture as u32 {
+                let id = tag.0 & PrimitiveTag::ID_MASK;
+                let row = if tag.emits() { scene.lights().material_of(id as usize) } else { id };
+                let material = MaterialHandle { class: MaterialClass::Mixture, row };
+                for class in scene.materials().classes(material) {
+                    of_class[class as usize] += 1;
+                }
+            }
         }
         let used = |class: MaterialClass| of_class[class as usize] > 0;
         let scatters = scene.max_depth() > 0;
@@ -126,9 +135,11 @@ impl Plan {
             transmission: shade_kernels.iter().any(|c| c.scales_radiance()),
             smooth_normals: geometry.smooth_triangles() > 0,
             cutouts: !geometry.opacities().is_empty(),
-            textures: shade_kernels.iter().any(|&class| scene.programs().has_class(class)),
+            textures: shade_kernels.iter().any(|&class| scene.programs().has_class(class))
+                || used(MaterialClass::Mixture) && scene.programs().has_class(MaterialClass::Mixture),
             light_sampling: light_kinds != 0,
             filter_weights: scene.camera().filter().has_negative_lobes(),
+            mixtures: used(MaterialClass::Mixture),
             instances: false,
             channels: ChannelSet::default(),
         };
@@ -216,6 +227,7 @@ impl Plan {
             cutouts: plan.requirements.cutouts,
             light_sampling: lit,
             filter_weights: true,
+            mixtures: plan.requirements.mixtures,
             instances: false,
             channels: ChannelSet::default(),
         };
@@ -263,6 +275,11 @@ impl Plan {
                 self.requirements.cutouts,
                 (if self.requirements.cutouts { "shapes with an opacity" } else { "everything is there" })
                     .into(),
+            ),
+            part(
+                "mixture",
+                self.requirements.mixtures,
+                counted(of_class[MaterialClass::Mixture as usize], "primitives with a mixture of materials"),
             ),
             part("material_sort", true, format!("{} lists", self.shade_kernels.len() + 2)),
             part("texture", self.requirements.textures, {

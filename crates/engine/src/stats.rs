@@ -12,6 +12,8 @@ pub enum Stage {
     Generate,
     /// Closest hits.
     Intersect,
+    /// Materials of mixtures.
+    Mixture,
     /// Index lists by material.
     MaterialSort,
     /// Parameters of textured materials.
@@ -30,11 +32,12 @@ pub enum Stage {
 
 impl Stage {
     /// How many there are.
-    pub const COUNT: usize = 9;
+    pub const COUNT: usize = 10;
     /// All of them.
     pub const ALL: [Stage; Self::COUNT] = [
         Stage::Generate,
         Stage::Intersect,
+        Stage::Mixture,
         Stage::MaterialSort,
         Stage::Texture,
         Stage::Shade,
@@ -48,6 +51,7 @@ impl Stage {
         match self {
             Stage::Generate => "generate",
             Stage::Intersect => "intersect",
+            Stage::Mixture => "mixture",
             Stage::MaterialSort => "material_sort",
             Stage::Texture => "texture",
             Stage::Shade => "shade",

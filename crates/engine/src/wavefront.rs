@@ -16,6 +16,7 @@ use wavepath_kernels::intersect::{Accelerator, Intersect, RayClass, TraversalSta
 use wavepath_kernels::isa::{Isa, Kernel, Promise};
 use wavepath_kernels::light_sample::LightSample;
 use wavepath_kernels::material_sort::{MaterialSort, Sorted, list};
+use wavepath_kernels::mixture::Mixture;
 use wavepath_kernels::queue::{
     HitQueue, MAX_BATCH, OrderLists, PathQueue, Requirements, SHADOW_RAYS, SLOT_BITS, ShadowQueue, SlotTable,
     unit_and_pixel,
@@ -163,6 +164,10 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
                 laps.lap_rays(&mut self.stats, Stage::Intersect, class, rays);
             }
             self.first_hits(isa);
+            if self.job.plan.requirements().mixtures {
+                self.mixture(isa);
+                laps.lap(&mut self.stats, Stage::Mixture);
+            }
             let sorted = self.material_sort(isa);
             laps.lap(&mut self.stats, Stage::MaterialSort);
             self.light_met(isa, &sorted);
@@ -275,6 +280,20 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
             let (paths, hits, range) = (&self.paths, &self.hits, self.survivors..self.paths.len);
             isa.run(FirstHits { axis: self.axis, paths, hits, range, table: &mut self.channels });
         }
+    }
+
+    /// The materials of surfaces that are mixtures.
+    fn mixture<I: Isa>(&mut self, isa: I) {
+        isa.run(Mixture::<P::Sampler> {
+            scene: self.job.scene,
+            paths: &self.paths,
+            hits: &mut self.hits,
+            slots: &self.slots,
+            first_sample: &self.first_sample,
+            sampler: PhantomData,
+            // SAFETY: as for `shade`; the plan is the scene's, and has the columns.
+            promise: unsafe { Promise::new() },
+        });
     }
 
     fn material_sort<I: Isa>(&mut self, isa: I) -> Sorted {

@@ -167,6 +167,10 @@ macro_rules! kinds {
         ) -> LightSample<F> {
             let mut out = LightSample::none();
             $(sample_kinds!($class($($function),*) [$($bit)*] L light origin u out);)*
+            // Spheres that are sampled by solid angle are met.
+            if L::KINDS & !kind::SPHERE != 0 {
+                out.delta = out.delta | light.hidden();
+            }
             out
         }
 
@@ -285,7 +289,7 @@ row! {
         radiance: [f32; 3],
         /// Probability of being chosen.
         probability: f32,
-        /// 1 or 0.
+        /// 1 or 0; of lights that no ray meets 2 or -1.
         two_sided: f32,
     }
 }
@@ -353,6 +357,12 @@ row! {
 const COMMON: usize = Common::LEN;
 /// Place of the probability in a row.
 const PROBABILITY: usize = core::mem::offset_of!(Common, probability) / size_of::<f32>();
+/// Place of the word that says whether it shines on both sides.
+const TWO_SIDED: usize = core::mem::offset_of!(Common, two_sided) / size_of::<f32>();
+/// What stands there of a light that no ray meets and that shines on one side.
+const HIDDEN: f32 = -1.0;
+/// And on both.
+const HIDDEN_TWO_SIDED: f32 = 2.0;
 
 /// The numbers of one light a lane.
 #[derive(Clone, Copy)]
@@ -402,6 +412,12 @@ impl<'a, F: Real> LightRow<'a, F> {
     #[inline(always)]
     fn two_sided(&self) -> F::Mask {
         self.common().two_sided().gt(F::zero())
+    }
+    /// Does no ray meet it?
+    #[inline(always)]
+    fn hidden(&self) -> F::Mask {
+        let two_sided = self.common().two_sided();
+        two_sided.lt(F::zero()) | two_sided.gt(F::one())
     }
     /// Emitted radiance towards `-direction` for a ray that meets the surface with normal `normal`: on the side of
     /// the normal, or on both.

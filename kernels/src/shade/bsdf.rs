@@ -1,6 +1,6 @@
 //! What the lobes of every material offer: sample, eval, pdf, in the frame of its shading normal.
 
-use crate::lanes::Real;
+use crate::lanes::{Mask, Real};
 use crate::math::{Rgb, Vec3};
 
 /// A sampled direction.
@@ -29,6 +29,16 @@ pub trait Bsdf<F: Real>: Copy {
     /// Does light that passes change its radiance, by another index of refraction on the other side? Then
     /// [`BsdfSample::eta_scale`] is heeded.
     const SCALES_RADIANCE: bool;
+    /// Is it worth a kernel for each set of kinds of lights? Others have one for none and one for all, so that more
+    /// materials do not take many times longer to compile.
+    const COMMON: bool = false;
+    /// Does it matter which way the tangents lie? Then the first of the frame is along the coordinate u.
+    const ANISOTROPIC: bool = false;
+    /// Lanes in which it does, of those that are [`Bsdf::ANISOTROPIC`].
+    #[inline(always)]
+    fn stretched(&self) -> F::Mask {
+        F::Mask::from_bits(0)
+    }
     /// Samples an incident direction: a lobe by the number `lobe`, a direction of it by `u`, all uniform in [0, 1) and
     /// independent. Where all lobes are specular, and take no direction, `lobe` is the first number of `u`.
     fn sample(&self, wo: Vec3<F>, lobe: F, u: [F; 2]) -> BsdfSample<F>;

@@ -57,6 +57,7 @@ impl<F: Real> Bsdf<F> for DiffuseReflectionTransmission<F> {
     const SPECULAR: bool = false;
     const TRANSMITS: bool = true;
     const SCALES_RADIANCE: bool = false;
+    const COMMON: bool = true;
 
     #[inline(always)]
     fn sample(&self, wo: Vec3<F>, lobe: F, u: [F; 2]) -> BsdfSample<F> {

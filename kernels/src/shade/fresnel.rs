@@ -20,6 +20,19 @@ pub fn dielectric<F: Real>(cos_i: F, eta: F) -> (F, F, F::Mask) {
     (F::select(total, F::one(), mean), cos_t, total)
 }
 
+/// Transmittance of a dielectric, 1 - the reflectance of [`dielectric`], without the cancellation where that is nearly 1.
+///
+/// For either polarisation 1 - ((a - b) / (a + b))^2 = 4 a b / (a + b)^2.
+#[inline(always)]
+pub fn transmitted<F: Real>(cos_i: F, eta: F) -> F {
+    let scaled = (eta - F::one()).mul_add(eta + F::one(), cos_i * cos_i);
+    let eta_cos_t = scaled.max(F::zero()).sqrt();
+    let cos_t = eta_cos_t / eta;
+    let (perpendicular, parallel) = (cos_i + eta_cos_t, eta.mul_add(cos_i, cos_t));
+    let sum = (perpendicular * perpendicular).recip() + (parallel * parallel).recip();
+    F::lit(2.0) * cos_i * eta_cos_t * sum
+}
+
 /// Reflectance of a conductor of complex index eta + i k, one channel.
 #[inline(always)]
 fn conductor_channel<F: Real>(cos_i: F, eta: F, k: F) -> F {

@@ -35,6 +35,7 @@ impl<F: Real> Bsdf<F> for DiffuseReflection<F> {
     const SPECULAR: bool = false;
     const TRANSMITS: bool = false;
     const SCALES_RADIANCE: bool = false;
+    const COMMON: bool = true;
 
     #[inline(always)]
     fn sample(&self, wo: Vec3<F>, _lobe: F, u: [F; 2]) -> BsdfSample<F> {

@@ -8,7 +8,9 @@
 
 use super::Features;
 use super::bsdf::Bsdf;
-use super::parameters::{BadParameter, Parameters, TextureId, TexturedColumns};
+use super::parameters::{
+    BadParameter, Parameter, Parameters, TextureId, TexturedColumns, UNIT, checked, note_texture,
+};
 use crate::lanes::Real;
 use crate::material_sort;
 use crate::scene::PrimitiveTag;
@@ -70,19 +72,22 @@ pub trait ForMaterial {
     fn run<M: Material>(self) -> Self::Output;
 }
 
-/// Turns [`Bsdf::SPECULAR`] into the features that [`Listed::Sees`].
+/// Turns [`Bsdf::SPECULAR`] and [`Bsdf::COMMON`] into the features that [`Listed::Sees`].
 #[derive(Clone, Copy, Debug)]
-pub struct Sees<const SPECULAR: bool>;
+pub struct Sees<const SPECULAR: bool, const COMMON: bool>;
 /// See [`Sees`].
 pub trait Select {
     /// What is seen of the features `P`.
     type Of<P: Features>: Features;
 }
-impl Select for Sees<true> {
+impl<const COMMON: bool> Select for Sees<true, COMMON> {
     type Of<P: Features> = P::Specular;
 }
-impl Select for Sees<false> {
+impl Select for Sees<false, true> {
     type Of<P: Features> = P;
+}
+impl Select for Sees<false, false> {
+    type Of<P: Features> = P::General;
 }
 
 macro_rules! materials {
@@ -96,19 +101,22 @@ macro_rules! materials {
             /// Reflects nothing: the path ends here. It has no kernel.
             Absorber = 0,
             $($(#[doc = $doc])* $name,)*
+            /// One of two materials, which stage [`mixture`](crate::mixture) chooses: it has no kernel.
+            Mixture,
         }
 
         impl MaterialClass {
             /// All of them, in order.
             pub const ALL: [MaterialClass; Self::COUNT] =
-                [MaterialClass::Absorber, $(MaterialClass::$name),*];
+                [MaterialClass::Absorber, $(MaterialClass::$name,)* MaterialClass::Mixture];
             /// How many classes there are.
-            pub const COUNT: usize = 1 + [$(stringify!($name)),*].len();
+            pub const COUNT: usize = 2 + [$(stringify!($name)),*].len();
 
             /// Name for the plan and for profiles.
             pub const fn name(self) -> &'static str {
                 match self {
                     MaterialClass::Absorber => "absorber",
+                    MaterialClass::Mixture => "mixture",
                     $(MaterialClass::$name => stringify!($module),)*
                 }
             }
@@ -116,7 +124,7 @@ macro_rules! materials {
             /// Does light sampling find anything there? Not on smooth surfaces.
             pub const fn samples_lights(self) -> bool {
                 match self {
-                    MaterialClass::Absorber => false,
+                    MaterialClass::Absorber | MaterialClass::Mixture => false,
                     $(MaterialClass::$name => !<<$name as Material>::Bsdf<f32> as Bsdf<f32>>::SPECULAR,)*
                 }
             }
@@ -124,7 +132,7 @@ macro_rules! materials {
             /// Is the radiance of light that passes through scaled by the squared index of refraction?
             pub const fn scales_radiance(self) -> bool {
                 match self {
-                    MaterialClass::Absorber => false,
+                    MaterialClass::Absorber | MaterialClass::Mixture => false,
                     $(MaterialClass::$name => <<$name as Material>::Bsdf<f32> as Bsdf<f32>>::SCALES_RADIANCE,)*
                 }
             }
@@ -133,6 +141,7 @@ macro_rules! materials {
             pub const fn width(self) -> usize {
                 match self {
                     MaterialClass::Absorber => 0,
+                    MaterialClass::Mixture => MIXTURE,
                     $(MaterialClass::$name => <$name as Parameters>::WIDTH,)*
                 }
             }
@@ -148,11 +157,11 @@ macro_rules! materials {
                 }
             }
 
-            /// Does the work for the material of this class; none for [`MaterialClass::Absorber`].
+            /// Does the work for the material of this class; none for classes without a kernel.
             #[inline(always)]
             pub fn with<W: ForMaterial>(self, work: W) -> Option<W::Output> {
                 match self {
-                    MaterialClass::Absorber => None,
+                    MaterialClass::Absorber | MaterialClass::Mixture => None,
                     $(MaterialClass::$name => Some(work.run::<$name>()),)*
                 }
             }
@@ -162,7 +171,10 @@ macro_rules! materials {
         impl Listed for $name {
             const CLASS: MaterialClass = MaterialClass::$name;
             type Sees<P: Features> =
-                <Sees<{ <<$name as Material>::Bsdf<f32> as Bsdf<f32>>::SPECULAR }> as Select>::Of<P>;
+                <Sees<
+                    { <<$name as Material>::Bsdf<f32> as Bsdf<f32>>::SPECULAR },
+                    { <<$name as Material>::Bsdf<f32> as Bsdf<f32>>::COMMON },
+                > as Select>::Of<P>;
         })*
     };
 }
@@ -184,6 +196,16 @@ materials! {
     ThinDielectric in thin_dielectric;
     /// Diffuse reflection and transmission.
     DiffuseTransmission in diffuse_transmission;
+    /// GGX conductor that is rougher along one tangent.
+    AnisotropicConductor in anisotropic_conductor;
+    /// Rough dielectric.
+    RoughDielectric in rough_dielectric;
+    /// Diffuse base under a coat.
+    Coated in coated;
+    /// Conductor under a coat.
+    CoatedConductor in coated_conductor;
+    /// Diffuse, glossy and specular reflection and transmission at once.
+    Uber in uber;
 }
 
 const _: () = {
@@ -202,7 +224,8 @@ const _: () = assert!(material_sort::LISTS <= material_sort::EMITS as usize, "li
 impl MaterialClass {
     /// The classes that scatter light: those with a kernel.
     pub fn scattering() -> impl Iterator<Item = MaterialClass> {
-        Self::ALL.into_iter().filter(|&class| class != MaterialClass::Absorber)
+        let without = [MaterialClass::Absorber, MaterialClass::Mixture];
+        Self::ALL.into_iter().filter(move |class| !without.contains(class))
     }
 }
 
@@ -262,6 +285,8 @@ pub struct MaterialTable {
     textured_to: Vec<u32>,
     /// What turns the normals of some of the materials.
     reliefs: Vec<(MaterialHandle, Relief)>,
+    /// Is one of them a mixture?
+    mixes: bool,
 }
 
 /// What turns the normals of a surface.
@@ -280,6 +305,11 @@ impl Relief {
         id
     }
 }
+
+/// Numbers in the row of a mixture: the tags of its two materials, as bits, and the share of the second.
+const MIXTURE: usize = 5;
+/// Where the share stands.
+pub(crate) const AMOUNT: usize = 2;
 
 impl MaterialTable {
     /// Most numbers in all rows together.
@@ -306,6 +336,101 @@ impl MaterialTable {
         self.materials.push(handle);
         self.textured_to.push(self.textured.len() as u32);
         Ok(handle)
+    }
+
+    /// Adds a mixture of two materials that the table has; `amount` is the share of the second.
+    ///
+    /// # Errors
+    /// [`MaterialError`] if the share is not from 0 to 1.
+    ///
+    /// # Panics
+    /// If the table does not have the materials.
+    pub fn add_mixture(
+        &mut self,
+        parts: [MaterialHandle; 2],
+        amount: Parameter<[f32; 3]>,
+    ) -> Result<MaterialHandle, MaterialError> {
+        assert!(parts.into_iter().all(|part| self.contains(part)), "materials of another table");
+        let row = self.rows.len();
+        if row + MIXTURE > Self::MAX_NUMBERS {
+            return Err(MaterialError::Full);
+        }
+        let class = MaterialClass::Mixture;
+        let value = checked("amount", amount, UNIT)
+            .map_err(|problem| MaterialError::Parameter { material: class.name(), problem })?;
+        self.rows.extend(parts.map(|part| f32::from_bits(PrimitiveTag::material(part).0)));
+        self.rows.extend(value);
+        note_texture(amount, &mut (AMOUNT as u32), UNIT, &mut self.textured);
+        self.textured_to.push(self.textured.len() as u32);
+        let handle = MaterialHandle { class, row: row as u32 };
+        self.materials.push(handle);
+        self.mixes = true;
+        Ok(handle)
+    }
+
+    /// Is there a mixture?
+    #[inline(always)]
+    pub fn has_mixtures(&self) -> bool {
+        self.mixes
+    }
+
+    /// The tags of the two materials of the mixture in this row.
+    ///
+    /// # Panics
+    /// If there is no such row.
+    fn parts(&self, row: u32) -> [PrimitiveTag; 2] {
+        let row = row as usize;
+        [self.rows[row], self.rows[row + 1]].map(|bits| PrimitiveTag(bits.to_bits()))
+    }
+
+    /// The classes, each as often as it occurs, that a material can turn out to be: its own, but for mixtures.
+    pub fn classes(&self, material: MaterialHandle) -> Vec<MaterialClass> {
+        if material.class != MaterialClass::Mixture {
+            return vec![material.class];
+        }
+        let handle = |tag: PrimitiveTag| MaterialHandle {
+            class: MaterialClass::ALL[tag.class() as usize],
+            row: tag.0 & PrimitiveTag::ID_MASK,
+        };
+        self.parts(material.row).into_iter().flat_map(|part| self.classes(handle(part))).collect()
+    }
+
+    /// Chooses among the materials of the mixture in this row by a uniform number, and among those of the one chosen, as
+    /// long as it is a mixture: the tag of the material, and what its light is multiplied by.
+    ///
+    /// A material is chosen by the mean of its share over the channels; `amount` says what the share of the second material
+    /// of a row is, if it knows better than the row.
+    ///
+    /// # Panics
+    /// If there is no such row.
+    #[inline(always)]
+    pub fn choose(
+        &self,
+        row: u32,
+        mut u: f32,
+        mut amount: impl FnMut(u32) -> Option<[f32; 3]>,
+    ) -> (PrimitiveTag, [f32; 3]) {
+        let (mut row, mut weight) = (row as usize, [1.0f32; 3]);
+        loop {
+            let own = [self.rows[row + AMOUNT], self.rows[row + AMOUNT + 1], self.rows[row + AMOUNT + 2]];
+            let amount = amount(row as u32).unwrap_or(own);
+            // Plain arithmetic of one number: the same bits on every instruction set.
+            let second = (amount[0] + amount[1] + amount[2]) / 3.0;
+            let grey = amount[0] == amount[1] && amount[1] == amount[2];
+            let second = if grey { amount[0] } else { second };
+            let part = (u < second) as usize;
+            for (weight, amount) in weight.iter_mut().zip(amount) {
+                if !grey {
+                    *weight *= if part == 1 { amount / second } else { (1.0 - amount) / (1.0 - second) };
+                }
+            }
+            u = if part == 1 { u / second } else { (u - second) / (1.0 - second) };
+            let tag = PrimitiveTag(self.rows[row + part].to_bits());
+            if tag.class() != MaterialClass::Mixture as u32 {
+                return (tag, weight);
+            }
+            row = (tag.0 & PrimitiveTag::ID_MASK) as usize;
+        }
     }
 
     /// Is there such a material?

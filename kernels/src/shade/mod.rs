@@ -3,7 +3,10 @@
 //! [`scatter`] is the path step at a surface, written once: light sampling, then the next direction. The kernels run
 //! it over index lists at full width, the megakernel one path at a time.
 
+pub mod anisotropic_conductor;
 pub mod bsdf;
+pub mod coated;
+pub mod coated_conductor;
 pub mod conductor;
 pub mod dielectric;
 pub mod diffuse_transmission;
@@ -12,12 +15,15 @@ pub mod environment;
 pub mod fresnel;
 pub mod lambert;
 pub mod materials;
+pub mod microfacet;
 pub mod mirror;
 pub mod oren_nayar;
 pub mod parameters;
 pub mod rough_conductor;
+pub mod rough_dielectric;
 pub mod surface;
 pub mod thin_dielectric;
+pub mod uber;
 
 use crate::isa::{Isa, Kernel, Promise};
 use crate::lanes::{Mask, Real, Uint};
@@ -25,7 +31,8 @@ use crate::math::{Frame, Rgb, Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable, list_lanes};
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
 use crate::scene::lights::{LightKinds, sample};
-use crate::scene::{PrimitiveTag, Scene};
+use crate::scene::parametrization::tangents;
+use crate::scene::{Geometry, PrimitiveTag, Scene};
 use crate::texture::TexturedPiece;
 use bsdf::Bsdf;
 use core::marker::PhantomData;
@@ -53,6 +60,9 @@ pub trait Features: Copy + Send + Sync + 'static {
 pub struct Vertex<F: Real> {
     /// Where.
     pub surface: Surface<F>,
+    /// How the point changes with the coordinate u: looked at by anisotropic lobes only. Of any length, 0 where there is
+    /// no such direction.
+    pub tangent: Vec3<F>,
     /// Direction of the ray that came here.
     pub direction: Vec3<F>,
     /// Throughput so far.
@@ -112,7 +122,8 @@ pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
     } else {
         surface.shading_normal.xor_sign(surface.shading_normal.dot(wo))
     };
-    let frame = Frame::from_normal(normal);
+    let frame =
+        if B::ANISOTROPIC { Frame::along(normal, vertex.tangent) } else { Frame::from_normal(normal) };
     let wo_local = frame.to_local(wo);
 
     let shadow = if P::LIGHTS != 0 && !B::SPECULAR && !scene.lights().is_empty() {
@@ -190,6 +201,30 @@ fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
     }
 }
 
+/// How the point of a primitive changes with its coordinate u, in lanes whose lobes care; 0 in others, and where the scene
+/// keeps no coordinates.
+///
+/// # Safety
+/// Every lane of `primitive` is below `geometry.primitives()`.
+#[inline(always)]
+pub unsafe fn tangent<F: Real, B: Bsdf<F>>(
+    geometry: &Geometry,
+    primitive: F::Uint,
+    surface: &Surface<F>,
+    bsdf: &B,
+) -> Vec3<F> {
+    if !B::ANISOTROPIC || !geometry.has_coordinates() {
+        return Vec3::zero();
+    }
+    let stretched = bsdf.stretched();
+    if !stretched.any() {
+        return Vec3::zero();
+    }
+    // SAFETY: the caller's promise; there are coordinates.
+    let u = unsafe { tangents(geometry, primitive, surface) }.u;
+    Vec3::select(stretched, u, Vec3::zero())
+}
+
 /// The row of the material of a primitive with this tag.
 ///
 /// # Safety
@@ -210,9 +245,9 @@ pub unsafe fn material_of<U: Uint>(scene: &Scene, tag: U) -> U {
 /// The kernel: scatters the paths of one class.
 ///
 /// Promise: the queues are as long as their `new` made them; `list` holds places of `paths`, each of which has a hit on a
-/// primitive of the scene whose tag is of the class `M`; their slots are below the capacity of `slots`, and hold places
-/// of units that have an entry in `first_sample`; if `P` samples lights, `shadows` has room for the list; textured rows are
-/// those of the list, and a vector's more.
+/// primitive of the scene whose tag is of the class `M` (in scenes with mixtures the material of the hit is); their slots
+/// are below the capacity of `slots`, and hold places of units that have an entry in `first_sample`; if `P` samples lights,
+/// `shadows` has room for the list; textured rows are those of the list, and a vector's more.
 pub struct Shade<'a, M, P> {
     /// Scene.
     pub scene: &'a Scene,
@@ -297,7 +332,13 @@ fn shade<F: Real, M: Material, P: Features>(
             if let Some([x, y, z]) = textured.and_then(|piece| piece.normals) {
                 surface.shading_normal = Vec3::new(F::load(x, at), F::load(y, at), F::load(z, at));
             }
+            // Where there are mixtures, the hits know what was chosen.
+            let mixes = !hits.material.is_empty();
             let parameters = match textured {
+                None if mixes => {
+                    let row = F::Uint::gather(&hits.material, place) & F::Uint::splat(PrimitiveTag::ID_MASK);
+                    scene.materials().evaluate::<M, F>(row)
+                }
                 None => {
                     let tag = F::Uint::gather(scene.geometry().tags(), primitive);
                     scene.materials().evaluate::<M, F>(material_of(scene, tag))
@@ -307,19 +348,24 @@ fn shade<F: Real, M: Material, P: Features>(
                     M::evaluate::<F>(rows, row * F::Uint::splat(M::WIDTH as u32))
                 }
             };
+            let throughput =
+                Rgb::new(real(&paths.throughput_r), real(&paths.throughput_g), real(&paths.throughput_b));
+            let throughput = if mixes {
+                throughput * Rgb::new(real(&hits.weight_r), real(&hits.weight_g), real(&hits.weight_b))
+            } else {
+                throughput
+            };
+            let bsdf = M::bsdf(parameters);
             let vertex = Vertex {
                 surface,
+                tangent: tangent(scene.geometry(), primitive, &surface, &bsdf),
                 direction,
-                throughput: Rgb::new(
-                    real(&paths.throughput_r),
-                    real(&paths.throughput_g),
-                    real(&paths.throughput_b),
-                ),
+                throughput,
                 eta_scale: if scales { F::gather(&slots.eta_scale, slot) } else { F::one() },
                 stream: slots.stream(first_sample, slot),
                 depth: slot_depth.shr::<SLOT_BITS>(),
             };
-            (vertex, M::bsdf(parameters), slot)
+            (vertex, bsdf, slot)
         };
         let out = scatter::<F, M::Bsdf<F>, P>(scene, &vertex, &bsdf);
 

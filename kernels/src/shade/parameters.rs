@@ -109,6 +109,35 @@ impl Value for [f32; 3] {
     }
 }
 
+/// Numbers that belong together.
+macro_rules! several {
+    ($($n:literal)*) => {$(
+        impl Value for [f32; $n] {
+            type Lanes<F: Real> = [F; $n];
+            const WIDTH: usize = $n;
+            fn numbers(&self) -> &[f32] {
+                self
+            }
+            #[inline(always)]
+            fn from_numbers(numbers: &[f32]) -> Self {
+                core::array::from_fn(|k| numbers.get(k).copied().unwrap_or(0.0))
+            }
+            #[inline(always)]
+            unsafe fn load<F: Real>(rows: &[f32], at: F::Uint) -> [F; $n] {
+                let mut out = [F::zero(); $n];
+                let mut k = 0;
+                while k < $n {
+                    // SAFETY: the caller's promise.
+                    out[k] = unsafe { F::gather(rows, at + F::Uint::splat(k as u32)) };
+                    k += 1;
+                }
+                out
+            }
+        }
+    )*};
+}
+several!(11 15);
+
 /// Where the numbers of a parameter may lie, ends included. Infinite numbers and those that are none lie nowhere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Range {

@@ -169,7 +169,11 @@ fn textures<F: Real>(scene: &Scene, list: &[u32], paths: &PathQueue, hits: &HitQ
     let mut first = u32::MAX;
     let mut alike = true;
     for (program, &place) in of_path.iter_mut().zip(list) {
-        let tag = scene.geometry().tags()[hits.primitive[place as usize] as usize];
+        // Of mixtures, the hits know what was chosen.
+        let tag = match hits.material.get(place as usize) {
+            Some(&material) => material,
+            None => scene.geometry().tags()[hits.primitive[place as usize] as usize],
+        };
         *program = programs.of(scene.row_of(tag));
         first = if first == u32::MAX { *program } else { first };
         alike &= *program == first;
@@ -257,8 +261,10 @@ pub const WIDEST: usize = 64;
 pub struct EvaluateOne<'a, F: Real<Uint = core::num::Wrapping<u32>>> {
     /// Scene.
     pub scene: &'a Scene,
-    /// Primitive that was met: of a class some of whose materials are textured.
+    /// Primitive that was met.
     pub primitive: u32,
+    /// Row of its material: of a class some of whose materials are textured.
+    pub material: u32,
     /// Where.
     pub surface: Surface<F>,
     /// Barycentric weights of the second and third corner.
@@ -272,11 +278,11 @@ impl<F: Real<Uint = core::num::Wrapping<u32>>> Kernel for EvaluateOne<'_, F> {
     type Output = Vec3<F>;
     #[inline(always)]
     fn run<I: Isa>(self, _isa: I) -> Vec3<F> {
-        let EvaluateOne { scene, primitive, surface, barycentric: [u, v], row } = self;
+        let EvaluateOne { scene, primitive, material, surface, barycentric: [u, v], row } = self;
         let barycentric = (F::splat(u), F::splat(v));
-        let tag = scene.geometry().tags()[primitive as usize];
-        let program = scene.programs().of(scene.row_of(tag));
-        // SAFETY: the tag exists, so the primitive does.
+        assert!((primitive as usize) < scene.geometry().primitives());
+        let program = scene.programs().of(material);
+        // SAFETY: the primitive exists.
         let uv =
             unsafe { coordinates(scene.geometry(), F::Uint::splat(primitive), surface.point, barycentric) };
         let point = Point::new(scene, &surface, uv);

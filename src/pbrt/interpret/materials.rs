@@ -9,16 +9,21 @@ use crate::pbrt::parameters::{ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::spectra::{self, Named, Rgb64};
 use crate::pbrt::suggest::did_you_mean;
-use crate::scene::{Material, MaterialId, Parameter, Relief, Shape};
+use wavepath_kernels::texture::Function;
 
+use crate::scene::{Coat, Layers, Material, MaterialId, Parameter, Relief, Shape};
+
+use super::textures::widen;
 use super::values::{SpectrumValue, rgb32};
-use super::{Builder, Dropped, unknown_kind, unsupported_kind};
+use super::{Builder, unknown_kind, unsupported_kind};
 
 /// pbrt's `EffectivelySmooth`: below it a surface is smooth.
 const SMOOTH: f64 = 1e-3;
 
-const SUPPORTED: [&str; 12] = [
+const SUPPORTED: [&str; 15] = [
     "diffuse",
+    "coateddiffuse",
+    "coatedconductor",
     "diffusetransmission",
     "conductor",
     "dielectric",
@@ -30,19 +35,10 @@ const SUPPORTED: [&str; 12] = [
     "plastic",
     "substrate",
     "uber",
+    "translucent",
 ];
 
-const UNSUPPORTED: [&str; 9] = [
-    "coateddiffuse",
-    "coatedconductor",
-    "subsurface",
-    "hair",
-    "measured",
-    "translucent",
-    "disney",
-    "fourier",
-    "kdsubsurface",
-];
+const UNSUPPORTED: [&str; 6] = ["subsurface", "hair", "measured", "disney", "fourier", "kdsubsurface"];
 
 /// Materials by handle and by name. A name may be used before it is defined, as in pbrt-v4.
 #[derive(Default)]
@@ -61,6 +57,8 @@ enum Read {
     Material(Material),
     /// The surface is not there: it only separates media.
     Interface,
+    /// One of two of the table's materials, and the share of the second.
+    Mixture([MaterialId; 2], Parameter<[f32; 3]>),
     /// What can be rendered instead, and what is lacking.
     Lacking(Material, Rc<[Problem]>),
 }
@@ -90,6 +88,7 @@ impl MaterialTable {
         let mut key = match &read {
             Read::Material(material) => format!("{material:?}"),
             Read::Interface => "interface".into(),
+            Read::Mixture(parts, amount) => format!("mixture {parts:?} {amount:?}"),
             Read::Lacking(material, lacks) => {
                 let lacks: Vec<&str> = lacks.iter().map(|lack| lack.message.as_str()).collect();
                 format!("{material:?} {lacks:?}")
@@ -184,14 +183,8 @@ impl Builder {
             shape.material = match new_ids.get(&old) {
                 Some(id) => *id,
                 None => {
-                    self.textures.need_material(MaterialId(old));
-                    let material = match self.materials.known(old as usize)? {
-                        Read::Material(material) => material,
-                        Read::Lacking(material, lacks) => {
-                            lacks.iter().for_each(|lack| self.lack(lack.clone()));
-                            material
-                        }
-                        Read::Interface => match shape.emission {
+                    if let Read::Interface = self.materials.known(old as usize)? {
+                        match shape.emission {
                             // v3's lamps shine, and let through what comes from behind.
                             Some(_) if self.dialect.is_v3() => {
                                 let through = *interface.get_or_insert_with(|| {
@@ -200,26 +193,47 @@ impl Builder {
                                 });
                                 self.scene.shapes.push(Shape { material: through, ..shape });
                                 self.shape_spans.push(span);
-                                continue;
                             }
-                            lamp => {
-                                self.drop_count(Dropped::InterfaceLamps, lamp.is_some().into(), Place::Scene);
-                                continue;
-                            }
-                        },
-                    };
-                    self.scene.materials.push(material);
-                    let id = MaterialId(self.scene.materials.len() as u32 - 1);
-                    let relief = self.materials.reliefs.get(&MaterialId(old));
-                    self.scene.reliefs.extend(relief.map(|relief| (id, *relief)));
-                    new_ids.insert(old, id);
-                    id
+                            // v4's do not: lamps of a surface that is not there are none.
+                            _ => {}
+                        }
+                        continue;
+                    }
+                    self.finish_material(old, &mut new_ids)?
                 }
             };
             self.scene.shapes.push(shape);
             self.shape_spans.push(span);
         }
         Ok(())
+    }
+
+    /// Moves a material into the scene, after those that it is a mixture of.
+    fn finish_material(&mut self, old: u32, new_ids: &mut HashMap<u32, MaterialId>) -> Result<MaterialId> {
+        if let Some(id) = new_ids.get(&old) {
+            return Ok(*id);
+        }
+        self.textures.need_material(MaterialId(old));
+        let material = match self.materials.known(old as usize)? {
+            Read::Material(material) => material,
+            Read::Lacking(material, lacks) => {
+                lacks.iter().for_each(|lack| self.lack(lack.clone()));
+                material
+            }
+            Read::Mixture([first, second], amount) => {
+                let materials =
+                    [self.finish_material(first.0, new_ids)?, self.finish_material(second.0, new_ids)?];
+                Material::Mixture { materials, amount }
+            }
+            // Only shapes and mixtures ask; neither takes one.
+            Read::Interface => NOT_THERE,
+        };
+        self.scene.materials.push(material);
+        let id = MaterialId(self.scene.materials.len() as u32 - 1);
+        let relief = self.materials.reliefs.get(&MaterialId(old));
+        self.scene.reliefs.extend(relief.map(|relief| (id, *relief)));
+        new_ids.insert(old, id);
+        Ok(id)
     }
 
     /// `Material "kind" ...`
@@ -285,6 +299,7 @@ impl Builder {
                 lacks.extend(more.iter().cloned());
                 Read::Lacking(material, lacks.into())
             }
+            Read::Mixture(..) => Read::Lacking(self.stand_in(parameters), lacks.into()),
             Read::Interface => Read::Interface,
         })
     }
@@ -303,7 +318,7 @@ impl Builder {
     fn read_kind(&mut self, kind: &Name, parameters: &Parameters) -> Result<Read> {
         if matches!(
             kind.text.as_str(),
-            "matte" | "mirror" | "metal" | "glass" | "plastic" | "substrate" | "uber"
+            "matte" | "mirror" | "metal" | "glass" | "plastic" | "substrate" | "uber" | "translucent"
         ) {
             self.dialect.saw_v3(kind.span)?;
         }
@@ -320,7 +335,12 @@ impl Builder {
                 Material::ThinDielectric { eta: self.index_of_refraction(parameters, "eta")?.into() }
             }
             "mix" => return self.mix(kind, parameters),
-            "plastic" | "substrate" | "uber" => self.uncoated(kind, parameters)?,
+            "coateddiffuse" => self.coated_diffuse(parameters)?,
+            "coatedconductor" => self.coated_conductor(parameters)?,
+            "plastic" => self.plastic(parameters)?,
+            "substrate" => self.substrate(parameters)?,
+            "uber" => self.uber(parameters)?,
+            "translucent" => self.translucent(parameters)?,
             other if UNSUPPORTED.contains(&other) => {
                 return Err(unsupported_kind("material", kind, &SUPPORTED)
                     .lacking("a diffuse surface of the same colour"));
@@ -394,7 +414,7 @@ impl Builder {
     }
 
     fn conductor(&mut self, parameters: &Parameters) -> Result<Material> {
-        let alpha = self.alpha(parameters, 0.0, sqrt_remap)?;
+        let alpha = self.alpha(parameters, 0.0, Remap::SquareRoot)?;
         if parameters.find("reflectance").is_some() {
             if parameters.find("eta").is_some() || parameters.find("k").is_some() {
                 return Err(Problem::new(
@@ -403,16 +423,27 @@ impl Builder {
                 )
                 .label("expected either the reflectance or the optical constants"));
             }
-            let reflectance = self.reflectance(parameters, "reflectance", 1.0)?;
-            return Ok(conductor_of_reflectance(reflectance, alpha));
+            let reflectance = self.share(parameters, "reflectance", 1.0)?;
+            let k = self.apply(Function::AbsorptionOfReflectance, reflectance, absorption_of_reflectance);
+            return Ok(Material::Conductor { eta: [1.0; 3].into(), k: single(k), alpha });
         }
         self.optical_constants(parameters, alpha)
     }
 
-    fn optical_constants(&mut self, parameters: &Parameters, alpha: [f32; 2]) -> Result<Material> {
+    fn optical_constants(&mut self, parameters: &Parameters, alpha: [Parameter<f32>; 2]) -> Result<Material> {
+        let [eta, k] = self.index_of_conductor(parameters, ["eta", "k"])?.map(Parameter::Constant);
+        Ok(Material::Conductor { eta, k, alpha })
+    }
+
+    /// Real part and absorption coefficient, copper's where they are not given.
+    fn index_of_conductor(
+        &mut self,
+        parameters: &Parameters,
+        names: [&'static str; 2],
+    ) -> Result<[[f32; 3]; 2]> {
         let mut constants = [[0.0f32; 3]; 2];
         for (constant, (name, default)) in
-            constants.iter_mut().zip([("eta", "metal-Cu-eta"), ("k", "metal-Cu-k")])
+            constants.iter_mut().zip(names.into_iter().zip(["metal-Cu-eta", "metal-Cu-k"]))
         {
             let value = match self.surface_spectrum(parameters, name)? {
                 Some(value) => value,
@@ -434,13 +465,67 @@ impl Builder {
                 *k = 1.0;
             }
         }
-        let [eta, k] = constants.map(Parameter::Constant);
-        Ok(Material::Conductor { eta, k, alpha: alpha.map(Parameter::Constant) })
+        Ok(constants)
+    }
+
+    /// v4's coated conductor: a layered material, too.
+    fn coated_conductor(&mut self, parameters: &Parameters) -> Result<Material> {
+        let names = [
+            ["interface.roughness", "interface.uroughness", "interface.vroughness"],
+            ["conductor.roughness", "conductor.uroughness", "conductor.vroughness"],
+        ];
+        let remap = parameters.bool_or("remaproughness", true)?;
+        let mut alphas = [0.0; 2];
+        for (alpha, names) in alphas.iter_mut().zip(names) {
+            let mut values = [self.float_texture(parameters, names[0])?.unwrap_or(0.0); 2];
+            for (value, name) in values.iter_mut().zip(&names[1..]) {
+                if let Some(own) = self.float_texture(parameters, name)? {
+                    *value = own;
+                }
+                if *value < 0.0 {
+                    let name = if parameters.find(name).is_some() { name } else { names[0] };
+                    return Err(parameters.bad(
+                        name,
+                        &value.to_string(),
+                        "expected a number that is not negative",
+                    ));
+                }
+            }
+            if values[0] != values[1] {
+                let name = if parameters.find(names[1]).is_some() { names[1] } else { names[2] };
+                let problem = parameters.bad(name, "another than along the other axis", "expected the same");
+                self.pending.push(*problem.lacking("the mean roughness"));
+            }
+            let [u, v] = if remap { values.map(sqrt_remap) } else { values };
+            // pbrt's smooth surfaces are none here.
+            *alpha = if u.max(v) < SMOOTH { 0.0 } else { (u * v).sqrt().clamp(SMOOTH, 1e4) };
+        }
+        let (eta, thickness, max_depth) = self.layers(parameters, "interface.eta")?;
+        let [conductor_eta, conductor_k] = if parameters.find("reflectance").is_some() {
+            let reflectance = self.reflectance(parameters, "reflectance", 1.0)?;
+            [[1.0; 3], absorption_of_reflectance(reflectance).map(|k| k as f32)]
+        } else {
+            self.index_of_conductor(parameters, ["conductor.eta", "conductor.k"])?
+        }
+        .map(|index| index.map(|x| f64::from(x) / f64::from(eta)));
+        Ok(Material::CoatedConductor {
+            layers: Layers {
+                eta: eta.into(),
+                alpha: alphas[0],
+                thickness: thickness.into(),
+                conductor_eta,
+                conductor_k,
+                conductor_alpha: alphas[1],
+                orders: max_depth.div_ceil(2).min(64),
+            },
+        })
     }
 
     /// v3's metal: like a conductor, but always rough, and with another scale of roughness.
     fn metal(&mut self, parameters: &Parameters) -> Result<Material> {
-        let alpha = self.alpha(parameters, 0.01, v3_remap)?.map(|alpha| alpha.max(1e-3));
+        let both = self.float_parameter(parameters, "roughness")?.unwrap_or(Parameter::Constant(0.01));
+        let roughness = self.roughness_along(parameters, [both; 2])?;
+        let alpha = self.v3_alpha(parameters, roughness)?;
         self.optical_constants(parameters, alpha)
     }
 
@@ -450,69 +535,208 @@ impl Builder {
     }
 
     fn dielectric(&mut self, parameters: &Parameters) -> Result<Material> {
-        self.refuse_roughness(parameters, sqrt_remap)?;
         let eta = self.index_of_refraction(parameters, "eta")?;
         let white = Parameter::Constant([1.0; 3]);
-        Ok(Material::Dielectric { eta: eta.into(), reflectance: white, transmittance: white })
+        let alpha = self.alpha(parameters, 0.0, Remap::SquareRoot)?;
+        Ok(Material::Dielectric { eta: eta.into(), reflectance: white, transmittance: white, alpha })
     }
 
     fn glass(&mut self, parameters: &Parameters) -> Result<Material> {
-        self.refuse_roughness(parameters, v3_remap)?;
         let name = if parameters.find("eta").is_some() { "eta" } else { "index" };
         let eta = self.index_of_refraction(parameters, name)?;
         let reflectance = single(self.share(parameters, "Kr", 1.0)?);
         let transmittance = single(self.share(parameters, "Kt", 1.0)?);
-        Ok(Material::Dielectric { eta: eta.into(), reflectance, transmittance })
+        // v3's glass has no "roughness", and is smooth where both others are 0, whatever the remapping says of 0.
+        let roughness = self.roughness_along(parameters, [Parameter::Constant(0.0); 2])?;
+        let mut alpha = self.v3_alpha(parameters, roughness)?;
+        if roughness == [Parameter::Constant(0.0); 2] {
+            alpha = [Parameter::Constant(0.0); 2];
+        }
+        Ok(Material::Dielectric { eta: eta.into(), reflectance, transmittance, alpha })
     }
 
-    fn refuse_roughness(&mut self, parameters: &Parameters, remap: fn(f64) -> f64) -> Result<()> {
-        let before = self.pending.len();
-        // v3's glass is smooth where the roughness is 0, whatever the remapping says of 0.
-        if self.roughness(parameters, 0.0)? == [0.0; 2] {
-            parameters.accept(&["remaproughness"]);
-            return Ok(());
-        }
-        // Of a texture that is not supported, that was said.
-        if self.alpha(parameters, 0.0, remap)? == [0.0; 2] || self.pending.len() != before {
-            return Ok(());
-        }
-        let name = ["roughness", "uroughness", "vroughness"]
-            .into_iter()
-            .find(|name| parameters.find(name).is_some())
-            .unwrap_or("roughness");
-        let problem = parameters.bad(name, "not 0", "expected 0: rough dielectrics are not supported yet");
-        self.pending.push(*problem.lacking("the dielectric is smooth"));
-        Ok(())
+    /// v4's layers without a medium between them.
+    fn coated_diffuse(&mut self, parameters: &Parameters) -> Result<Material> {
+        let reflectance = single(self.share(parameters, "reflectance", 0.5)?);
+        let alpha = self.alpha(parameters, 0.0, Remap::SquareRoot)?;
+        let (eta, thickness, max_depth) = self.layers(parameters, "eta")?;
+        Ok(Material::Coated {
+            coat: Coat::Layered,
+            reflectance,
+            specular: [1.0; 3].into(),
+            eta: eta.into(),
+            alpha,
+            thickness,
+            max_depth,
+        })
     }
 
-    fn roughness(&mut self, parameters: &Parameters, default: f64) -> Result<[f64; 2]> {
-        let both = self.float_texture(parameters, "roughness")?.unwrap_or(default);
-        let mut values = [both; 2];
+    /// Index and thickness of the coat of a layered material, and the longest walk in it.
+    fn layers(&mut self, parameters: &Parameters, eta: &'static str) -> Result<(f32, f32, u32)> {
+        let eta = self.index_of_refraction(parameters, eta)?;
+        let thickness = self.float_texture(parameters, "thickness")?.unwrap_or(0.01);
+        if !(0.0..=1e6).contains(&thickness) {
+            return Err(parameters.bad("thickness", &thickness.to_string(), "expected 0 to 1000000"));
+        }
+        let max_depth = parameters.count_or("maxdepth", 10)?;
+        if self.surface_spectrum(parameters, "albedo")?.is_some_and(|albedo| albedo != [0.0; 3]) {
+            let expected = "expected 0: no medium between the layers scatters light";
+            let problem = parameters.bad("albedo", "not 0", expected);
+            self.pending.push(*problem.lacking("a medium that only absorbs"));
+        }
+        // How a walk is sampled, and where what is not there would scatter to.
+        parameters.accept(&["nsamples", "g"]);
+        Ok((eta, thickness as f32, max_depth))
+    }
+
+    /// v3's plastic: light that comes to its coat is reflected as from below, with total reflection.
+    fn plastic(&mut self, parameters: &Parameters) -> Result<Material> {
+        let roughness = self.v3_roughness(parameters)?;
+        self.added_coat(parameters, 1.0 / 1.5, 0.25, [roughness; 2], Coat::Added)
+    }
+
+    fn substrate(&mut self, parameters: &Parameters) -> Result<Material> {
+        let roughness = self.roughness_along(parameters, [Parameter::Constant(0.1); 2])?;
+        self.added_coat(parameters, 1.5, 0.5, roughness, Coat::Blended)
+    }
+
+    fn uber(&mut self, parameters: &Parameters) -> Result<Material> {
+        let name = if parameters.find("eta").is_some() { "eta" } else { "index" };
+        let eta = self.index_of_refraction(parameters, name)?;
+        let both = self.v3_roughness(parameters)?;
+        let roughness = self.roughness_along(parameters, [both; 2])?;
+        let mirrored = single(self.share(parameters, "Kr", 0.0)?);
+        let refracted = single(self.share(parameters, "Kt", 0.0)?);
+        let opacity = single(self.share(parameters, "opacity", 1.0)?);
+        if mirrored == BLACK && refracted == BLACK && opacity == Parameter::Constant([1.0; 3]) {
+            return self.added_coat(parameters, eta, 0.25, roughness, Coat::Added);
+        }
+        let diffuse = single(self.share(parameters, "Kd", 0.25)?);
+        let glossy = single(self.share(parameters, "Ks", 0.25)?);
+        let alpha = self.v3_alpha(parameters, roughness)?;
+        Ok(Material::Uber {
+            diffuse,
+            glossy,
+            mirrored,
+            refracted,
+            opacity,
+            reflect: [1.0; 3].into(),
+            transmit: [0.0; 3].into(),
+            eta: eta.into(),
+            alpha,
+        })
+    }
+
+    fn translucent(&mut self, parameters: &Parameters) -> Result<Material> {
+        let roughness = self.v3_roughness(parameters)?;
+        let diffuse = self.share(parameters, "Kd", 0.25)?;
+        let glossy = single(self.share(parameters, "Ks", 0.25)?);
+        let reflect = self.share(parameters, "reflect", 0.5)?;
+        let transmit = self.share(parameters, "transmit", 0.5)?;
+        let alpha = self.v3_alpha(parameters, [roughness; 2])?;
+        if glossy == BLACK {
+            return Ok(Material::DiffuseTransmission {
+                reflectance: single(self.product(diffuse, reflect)),
+                transmittance: single(self.product(diffuse, transmit)),
+            });
+        }
+        Ok(Material::Uber {
+            diffuse: single(diffuse),
+            glossy,
+            mirrored: BLACK,
+            refracted: BLACK,
+            opacity: [1.0; 3].into(),
+            reflect: single(reflect),
+            transmit: single(transmit),
+            eta: 1.5.into(),
+            alpha,
+        })
+    }
+
+    /// v3's coats on a diffuse base: `Kd` and `Ks`.
+    fn added_coat(
+        &mut self,
+        parameters: &Parameters,
+        eta: f32,
+        default: f64,
+        roughness: [Parameter<f64>; 2],
+        coat: Coat,
+    ) -> Result<Material> {
+        let reflectance = single(self.share(parameters, "Kd", default)?);
+        let specular = single(self.share(parameters, "Ks", default)?);
+        let alpha = self.v3_alpha(parameters, roughness)?;
+        if specular == BLACK && coat == Coat::Added {
+            return Ok(Material::Diffuse { reflectance, sigma: Parameter::Constant(0.0) });
+        }
+        let (thickness, max_depth) = (0.0, 1);
+        Ok(Material::Coated { coat, reflectance, specular, eta: eta.into(), alpha, thickness, max_depth })
+    }
+
+    /// `roughness` of v3's coats.
+    fn v3_roughness(&mut self, parameters: &Parameters) -> Result<Parameter<f64>> {
+        let roughness = self.float_parameter(parameters, "roughness")?.unwrap_or(Parameter::Constant(0.1));
+        not_negative(parameters, "roughness", roughness)
+    }
+
+    /// GGX alpha of v3's materials, which are never quite smooth.
+    fn v3_alpha(
+        &mut self,
+        parameters: &Parameters,
+        roughness: [Parameter<f64>; 2],
+    ) -> Result<[Parameter<f32>; 2]> {
+        let alpha = self.remapped(parameters, roughness, Remap::V3)?;
+        Ok(alpha.map(|alpha| match alpha {
+            Parameter::Constant(alpha) => Parameter::Constant(alpha.clamp(SMOOTH, 1e4) as f32),
+            Parameter::Texture(id) => Parameter::Texture(id),
+        }))
+    }
+
+    /// GGX alpha of a roughness, unless `remaproughness` says that it is one.
+    fn remapped(
+        &mut self,
+        parameters: &Parameters,
+        [u, v]: [Parameter<f64>; 2],
+        remap: Remap,
+    ) -> Result<[Parameter<f64>; 2]> {
+        if !parameters.bool_or("remaproughness", true)? {
+            return Ok([u, v]);
+        }
+        let mut one = |roughness| match remap {
+            Remap::SquareRoot => self.apply(Function::SquareRoot, roughness, sqrt_remap),
+            Remap::V3 => self.apply(Function::AlphaV3, roughness, v3_remap),
+        };
+        // What is the same along both is one texture.
+        let first = one(u);
+        Ok([first, if u == v { first } else { one(v) }])
+    }
+
+    /// `uroughness` and `vroughness`.
+    fn roughness_along(
+        &mut self,
+        parameters: &Parameters,
+        default: [Parameter<f64>; 2],
+    ) -> Result<[Parameter<f64>; 2]> {
+        let mut values = default;
         for (value, name) in values.iter_mut().zip(["uroughness", "vroughness"]) {
-            if let Some(own) = self.float_texture(parameters, name)? {
-                *value = own;
-            }
-            if *value < 0.0 {
-                let name = if parameters.find(name).is_some() { name } else { "roughness" };
-                return Err(parameters.bad(
-                    name,
-                    &value.to_string(),
-                    "expected a number that is not negative",
-                ));
-            }
+            let own = self.float_parameter(parameters, name)?;
+            let given = if own.is_some() { name } else { "roughness" };
+            *value = not_negative(parameters, given, own.unwrap_or(*value))?;
         }
         Ok(values)
     }
 
     /// GGX alpha along u and v; `[0, 0]` where pbrt treats the surface as smooth.
-    fn alpha(&mut self, parameters: &Parameters, default: f64, remap: fn(f64) -> f64) -> Result<[f32; 2]> {
-        let roughness = self.roughness(parameters, default)?;
-        let alpha =
-            if parameters.bool_or("remaproughness", true)? { roughness.map(remap) } else { roughness };
-        if alpha[0].max(alpha[1]) < SMOOTH {
-            return Ok([0.0; 2]);
+    fn alpha(&mut self, parameters: &Parameters, default: f64, remap: Remap) -> Result<[Parameter<f32>; 2]> {
+        let both = self.float_parameter(parameters, "roughness")?.unwrap_or(Parameter::Constant(default));
+        let roughness = self.roughness_along(parameters, [both; 2])?;
+        let alpha = self.remapped(parameters, roughness, remap)?;
+        if alpha.iter().all(|alpha| matches!(alpha, Parameter::Constant(alpha) if *alpha < SMOOTH)) {
+            return Ok([Parameter::Constant(0.0); 2]);
         }
-        Ok(alpha.map(|alpha| alpha.clamp(1e-4, 1e4) as f32))
+        Ok(alpha.map(|alpha| match alpha {
+            Parameter::Constant(alpha) => Parameter::Constant(alpha.clamp(1e-4, 1e4) as f32),
+            Parameter::Texture(id) => Parameter::Texture(id),
+        }))
     }
 
     /// Index of refraction of a dielectric: a number, or a glass at the yellow line.
@@ -559,7 +783,7 @@ impl Builder {
         Err(parameters.bad(name, &eta.to_string(), "expected an index of refraction above 0"))
     }
 
-    /// A mixture is supported where it is none: of equal materials, or with one of them only.
+    /// `mix`: one of two materials.
     fn mix(&mut self, kind: &Name, parameters: &Parameters) -> Result<Read> {
         let names: Vec<(String, Place)> = match parameters.typed("materials", &[ParameterType::String])? {
             Some(list) => {
@@ -597,69 +821,49 @@ impl Builder {
         // v4's amount is the share of the second material, v3's of the first.
         let v3 = parameters.find("materials").is_none();
         let amount = match parameters.find("amount").map(|p| p.ty) {
-            Some(ParameterType::Float) => self.float_texture(parameters, "amount")?,
-            Some(_) => self
-                .surface_spectrum(parameters, "amount")
-                .ok()
-                .flatten()
-                .and_then(|[r, g, b]| (r == g && g == b).then_some(r)),
-            None => Some(0.5),
+            // A texture of colours is v3's.
+            Some(ParameterType::Texture) if v3 => self.spectrum_parameter(parameters, "amount")?,
+            Some(ParameterType::Float | ParameterType::Texture) => {
+                self.float_parameter(parameters, "amount")?.map(widen)
+            }
+            Some(_) => self.spectrum_parameter(parameters, "amount")?,
+            None => None,
         };
-        let [first, second] = found;
-        let larger = usize::from((amount.is_some_and(|amount| amount > 0.5)) != v3);
+        let amount = match amount.unwrap_or(Parameter::Constant([0.5; 3])) {
+            Parameter::Constant(amount) => Parameter::Constant(amount.map(|c| c.clamp(0.0, 1.0) as f32)),
+            Parameter::Texture(id) => Parameter::Texture(id),
+        };
+        let mut ids = [first, second].map(|(name, _)| self.materials.names.get(name).copied());
+        let [mut first, mut second] = found;
+        if v3 {
+            ids.reverse();
+            std::mem::swap(&mut first, &mut second);
+        }
         match (&first, &second) {
             (Read::Material(a), Read::Material(b)) if a == b => return Ok(first),
-            _ if amount == Some(0.0) || amount == Some(1.0) => {
-                return Ok(if larger == 1 { second } else { first });
+            _ if amount == BLACK => return Ok(first),
+            _ if amount == Parameter::Constant([1.0; 3]) => return Ok(second),
+            (Read::Interface, _) | (_, Read::Interface) => {}
+            _ => {
+                if let [Some(first), Some(second)] = ids {
+                    return Ok(Read::Mixture([first, second], amount));
+                }
             }
-            _ => {}
         }
         self.pending.push(
             *unsupported_kind("material", kind, &SUPPORTED)
-                .label("expected equal materials: true mixtures are not supported")
-                .lacking("the material that has the larger share"),
+                .label("expected two materials that are there: one of these is an interface")
+                .lacking("the material that is there"),
         );
-        let mut lacks = std::mem::take(&mut self.pending);
-        let mut shown = Material::Diffuse { reflectance: [0.5; 3].into(), sigma: 0.0.into() };
-        for (i, read) in [first, second].into_iter().enumerate() {
-            let material = match read {
-                Read::Material(material) => material,
-                Read::Lacking(material, more) => {
-                    lacks.extend(more.iter().cloned());
-                    material
-                }
-                Read::Interface => continue,
-            };
-            if i == larger {
-                shown = material;
+        let lacks = std::mem::take(&mut self.pending);
+        Ok(match if let Read::Interface = first { second } else { first } {
+            Read::Material(material) => Read::Lacking(material, lacks.into()),
+            Read::Lacking(material, more) => {
+                Read::Lacking(material, lacks.into_iter().chain(more.iter().cloned()).collect())
             }
-        }
-        Ok(Read::Lacking(shown, lacks.into()))
-    }
-
-    /// v3's materials with a specular coat: without one, they are diffuse.
-    fn uncoated(&mut self, kind: &Name, parameters: &Parameters) -> Result<Material> {
-        let default = if kind.text == "substrate" { 0.5 } else { 0.25 };
-        if self.surface_spectrum(parameters, "Ks")?.unwrap_or([default; 3]) != [0.0; 3] {
-            let problem =
-                Problem::at(kind.span, format!("the specular coat of \"{}\" is not supported", kind.text))
-                    .label("expected \"rgb Ks\" [ 0 0 0 ]: the diffuse base \"Kd\" alone")
-                    .lacking("its diffuse base \"Kd\" alone");
-            self.pending.push(*problem);
-        }
-        if kind.text == "uber" {
-            for (name, neutral) in [("Kr", [0.0; 3]), ("Kt", [0.0; 3]), ("opacity", [1.0; 3])] {
-                if self.surface_spectrum(parameters, name)?.is_some_and(|value| value != neutral) {
-                    let expected = format!("expected {}: only the diffuse base is supported", neutral[0]);
-                    let problem = parameters.bad(name, &format!("not {}", neutral[0]), &expected);
-                    self.pending.push(*problem.lacking("its diffuse base \"Kd\" alone"));
-                }
-            }
-            parameters.accept(&["eta", "index"]);
-        }
-        parameters.accept(&["roughness", "uroughness", "vroughness", "remaproughness"]);
-        let reflectance = self.reflectance(parameters, "Kd", default)?.map(|c| c as f32);
-        Ok(Material::Diffuse { reflectance: reflectance.into(), sigma: Parameter::Constant(0.0) })
+            Read::Mixture(..) => Read::Lacking(self.stand_in(parameters), lacks.into()),
+            Read::Interface => Read::Interface,
+        })
     }
 }
 
@@ -668,6 +872,7 @@ const NOT_THERE: Material = Material::Dielectric {
     eta: Parameter::Constant(1.0),
     reflectance: Parameter::Constant([0.0; 3]),
     transmittance: Parameter::Constant([1.0; 3]),
+    alpha: [Parameter::Constant(0.0); 2],
 };
 
 /// In single precision.
@@ -690,15 +895,35 @@ fn v3_remap(roughness: f64) -> f64 {
 }
 
 /// pbrt-v4: eta = 1 and k = 2 sqrt(r) / sqrt(1 - r) reflect r at normal incidence.
-fn conductor_of_reflectance(reflectance: Rgb64, alpha: [f32; 2]) -> Material {
-    let k = reflectance.map(|r| {
+fn absorption_of_reflectance(reflectance: Rgb64) -> Rgb64 {
+    reflectance.map(|r| {
         let r = r.clamp(0.0, 0.9999);
-        (2.0 * r.sqrt() / (1.0 - r).sqrt()) as f32
-    });
-    Material::Conductor {
-        eta: Parameter::Constant([1.0; 3]),
-        k: k.into(),
-        alpha: alpha.map(Parameter::Constant),
+        2.0 * r.sqrt() / (1.0 - r).sqrt()
+    })
+}
+
+/// How a roughness becomes the alpha of GGX.
+#[derive(Clone, Copy)]
+enum Remap {
+    /// v4.
+    SquareRoot,
+    /// v3.
+    V3,
+}
+
+const BLACK: Parameter<[f32; 3]> = Parameter::Constant([0.0; 3]);
+
+/// A value that must not be negative, if it is known.
+fn not_negative(
+    parameters: &Parameters,
+    name: &'static str,
+    value: Parameter<f64>,
+) -> Result<Parameter<f64>> {
+    match value {
+        Parameter::Constant(value) if value < 0.0 => {
+            Err(parameters.bad(name, &value.to_string(), "expected a number that is not negative"))
+        }
+        value => Ok(value),
     }
 }
 
@@ -708,14 +933,9 @@ mod tests {
 
     #[test]
     fn reflectance_is_met_at_normal_incidence() {
-        let Material::Conductor { eta, k, .. } = conductor_of_reflectance([0.0, 0.4, 0.9], [0.0; 2]) else {
-            panic!()
-        };
-        let [eta, k] = [eta, k].map(|parameter| parameter.constant().expect("not textured"));
-        for (i, expected) in [0.0, 0.4, 0.9].into_iter().enumerate() {
-            let (n, k) = (f64::from(eta[i]), f64::from(k[i]));
-            let r = ((n - 1.0).powi(2) + k * k) / ((n + 1.0).powi(2) + k * k);
-            assert!((r - expected).abs() < 1e-6, "{r} {expected}");
+        for (k, expected) in absorption_of_reflectance([0.0, 0.4, 0.9]).into_iter().zip([0.0, 0.4, 0.9]) {
+            let r = k * k / (4.0 + k * k);
+            assert!((r - expected).abs() < 1e-12, "{r} {expected}");
         }
     }
 

@@ -728,7 +728,6 @@ enum Dropped {
     NormalArrays,
     Indices,
     SingularShapes,
-    InterfaceLamps,
 }
 
 impl Dropped {
@@ -761,9 +760,6 @@ impl Dropped {
             }
             Dropped::SingularShapes => {
                 format!("{count} shape{s} left out: the transform makes it flat, and cannot be inverted")
-            }
-            Dropped::InterfaceLamps => {
-                format!("{count} lamp{s} of the material \"interface\" left out, as in pbrt-v4")
             }
         };
         Problem::new(place, text).label("the first is here")

@@ -53,6 +53,7 @@ pub(super) struct PlacedShape {
     material: MaterialId,
     emission: Option<Emission>,
     opacity: Option<Opacity>,
+    visible: bool,
 }
 
 /// What the scene has taken so far.
@@ -121,7 +122,7 @@ impl Builder {
             }
             _ => return self.mistake(unknown_kind("shape", kind, &KNOWN)),
         };
-        let Some(opacity) = self.opacity(parameters)? else {
+        let Some((opacity, visible)) = self.opacity(parameters)? else {
             // Nothing of it is there.
             return self.check_unused(parameters, &format!("shape \"{}\"", kind.text));
         };
@@ -142,6 +143,7 @@ impl Builder {
                 material: self.state.material,
                 emission,
                 opacity,
+                visible,
             };
             match self.objects.open_shapes() {
                 Some(shapes) => shapes.push(shape),
@@ -151,8 +153,8 @@ impl Builder {
         Ok(())
     }
 
-    /// How much of the shape is there; none if nothing is.
-    fn opacity(&mut self, parameters: &Parameters) -> Result<Option<Option<Opacity>>> {
+    /// How much of the shape is there, and whether rays meet it; none if nothing is there.
+    fn opacity(&mut self, parameters: &Parameters) -> Result<Option<(Option<Opacity>, bool)>> {
         let alpha = self.float_parameter(parameters, "alpha")?.unwrap_or(Parameter::Constant(1.0));
         let for_light = match parameters.find("shadowalpha") {
             // pbrt-v3 alone has it: rays towards lights look at both.
@@ -161,7 +163,7 @@ impl Builder {
         };
         let everything = |alpha| matches!(alpha, Parameter::Constant(alpha) if alpha >= 1.0);
         if everything(alpha) && everything(for_light) {
-            return Ok(Some(None));
+            return Ok(Some((None, true)));
         }
         let certain = self.dialect.is_v3();
         if let (Parameter::Constant(_), Parameter::Constant(_)) = (alpha, for_light)
@@ -169,13 +171,17 @@ impl Builder {
             && [alpha, for_light].iter().all(|alpha| *alpha != Parameter::Constant(0.0))
         {
             // Only what is 0 is not there.
-            return Ok(Some(None));
+            return Ok(Some((None, true)));
         }
         let lamp = self.state.area_light.is_some() && !self.objects.is_open();
+        if lamp && matches!(alpha, Parameter::Constant(alpha) if alpha <= 0.0) {
+            // It shines all the same.
+            return Ok(Some((None, false)));
+        }
         if lamp {
             let problem = parameters.bad("alpha", "not 1", "expected 1: of lamps alpha is not supported");
             self.pending.push(*problem.lacking("the surface is opaque"));
-            return Ok(Some(None));
+            return Ok(Some((None, true)));
         }
         if alpha == Parameter::Constant(0.0) {
             return Ok(None);
@@ -196,7 +202,7 @@ impl Builder {
             None => node(for_light),
         };
         self.textures.need(for_paths.into_iter().chain(for_light));
-        Ok(Some(Some(Opacity { for_paths, for_light, certain })))
+        Ok(Some((Some(Opacity { for_paths, for_light, certain }), true)))
     }
 
     /// The emission for a shape; objects have none, as in pbrt.
@@ -275,6 +281,7 @@ impl Builder {
             emission: shape.emission,
             flip_normal,
             opacity: shape.opacity,
+            visible: shape.visible,
         });
         Ok(())
     }

@@ -1,6 +1,9 @@
 //! The light table: kinds, rows, the choice among lights.
 
-use super::{COMMON, Common, LONGEST, Light, LightKind, LightRow, PROBABILITY, kind};
+use super::{
+    COMMON, Common, HIDDEN, HIDDEN_TWO_SIDED, LONGEST, Light, LightKind, LightRow, PROBABILITY, TWO_SIDED,
+    kind,
+};
 use crate::lanes::{Real, Uint};
 use crate::scene::error::{BuildError, finite, not_negative};
 use crate::scene::rows::Row;
@@ -22,6 +25,7 @@ pub struct Emitter {
 #[derive(Clone, Debug, Default)]
 pub struct LightList {
     lights: Vec<(Emitter, Light)>,
+    hidden: Vec<u32>,
 }
 
 impl LightList {
@@ -29,6 +33,15 @@ impl LightList {
     pub fn push(&mut self, emitter: Emitter, light: Light) -> u32 {
         self.lights.push((emitter, light));
         self.lights.len() as u32 - 1
+    }
+    /// Says that no ray meets this light: light sampling alone finds it, as it finds points. What has its form is not to be
+    /// among the primitives.
+    ///
+    /// # Panics
+    /// If there is no such light.
+    pub fn hide(&mut self, light: u32) {
+        assert!((light as usize) < self.lights.len(), "no such light");
+        self.hidden.push(light);
     }
     /// How many lights.
     pub fn len(&self) -> usize {
@@ -102,6 +115,10 @@ impl LightTable {
             table.materials.push(emitter.material);
             powers.push(emitter.power);
         }
+        for &light in &list.hidden {
+            let two_sided = &mut table.rows[light as usize * stride + TWO_SIDED];
+            *two_sided = if *two_sided > 0.0 { HIDDEN_TWO_SIDED } else { HIDDEN };
+        }
         table.choose_by_power(&powers);
         Ok(table)
     }
@@ -139,7 +156,10 @@ impl LightTable {
             + size_of_val(&self.alias_other[..])
     }
     /// The row of the material of the surface of a light; 0 for lights without one.
-    pub(crate) fn material_of(&self, light: usize) -> u32 {
+    ///
+    /// # Panics
+    /// If there is no such light.
+    pub fn material_of(&self, light: usize) -> u32 {
         self.materials[light]
     }
 
