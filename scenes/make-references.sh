@@ -21,6 +21,7 @@ done <<END
 two-spheres     131072 1.3e-7
 oren-nayar        8192 1.2e-5
 inside-emitter    8192 1.4e-5
+textures          8192 1.1e-5
 sky-only          8192 2e-5
 cornell          24576 5e-5
 glass-pane       16384 6e-5

@@ -88,6 +88,7 @@ scenes! {
     oren_nayar "oren-nayar" 256 0.092 8192;
     sky_only "sky-only" 256 0.16 8192;
     spotlight "spotlight" 512 5.6 24576;
+    textures "textures" 256 0.092 8192;
     two_spheres "two-spheres" 256 0.016 4096;
     wineglass "wineglass" 1024 5.7 16384;
 }

@@ -85,6 +85,13 @@ fn coordinates_of_surfaces() {
         let second = y > x;
         Some(if second { [y, y - x, 0.0] } else { [x, y, 0.0] }).filter(|_| (x - y).abs() > 1e-6)
     });
+    // From 0 to 1 on each patch, whatever they share: 00, 10, 01, 11.
+    let patches = "Shape \"bilinearmesh\" \"integer indices\" [ 0 1 3 4 1 2 4 5 ] \
+         \"point3 P\" [ -2 -2 0 0 -2 0 2 -2 0 -2 2 0 0 2 0 2 2 0 ]";
+    compare("patches", &format!("{UV}{patches}"), |d| {
+        let [x, y] = on_plane(d);
+        Some([(x / 2.0).rem_euclid(1.0), (y + 2.0) / 4.0, 0.0])
+    });
     let sphere = |p: [f64; 3]| Some([turns(p[1], p[0]), 1.0 - p[2].acos() / std::f64::consts::PI, 0.0]);
     compare("sphere", &format!("{UV} Shape \"sphere\""), |d| sphere(on_sphere(d)?));
     compare("sphere, reversed", &format!("{UV} ReverseOrientation Shape \"sphere\""), |d| {

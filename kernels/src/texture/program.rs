@@ -14,8 +14,8 @@ use crate::lanes::{Real, map3};
 use crate::math::{Rgb, Vec3};
 use crate::scene::parametrization::{Opacity, Tangents};
 use crate::scene::{BuildError, Scene};
-use crate::shade::materials::{MaterialClass, MaterialTable, Relief};
-use crate::shade::parameters::{Range, TextureId};
+use crate::shade::materials::{MaterialClass, MaterialHandle, MaterialTable, Relief};
+use crate::shade::parameters::{Range, TextureId, TexturedColumns};
 use crate::shade::surface::Surface;
 
 /// Values that can be kept at a time.
@@ -148,7 +148,7 @@ impl Programs {
                 steps,
                 row: handle.row as usize,
                 width,
-                derive: if columns.is_empty() { None } else { handle.class.derive() },
+                derive: derived(materials, handle, columns),
                 relief,
             });
         }
@@ -195,6 +195,35 @@ impl Programs {
     pub(super) fn of(&self, row: u32) -> u32 {
         self.of_row[row as usize]
     }
+}
+
+/// What computes the columns of a material that follow from others, if they follow from those that textures give: some are
+/// costly, and follow from what is the same everywhere. Which columns they look at is found by trying.
+fn derived(
+    materials: &MaterialTable,
+    handle: MaterialHandle,
+    columns: &[TexturedColumns],
+) -> Option<fn(&mut [f32])> {
+    let derive = handle.class.derive().filter(|_| !columns.is_empty())?;
+    let first = handle.row as usize;
+    let row_at = |x: f32| {
+        let mut row = materials.rows()[first..first + handle.class.width()].to_vec();
+        let set = |row: &mut Vec<f32>, x: f32, clamped: bool| {
+            for columns in columns {
+                let Range { least, most } = columns.range;
+                let x = if clamped { x.clamp(least, most) } else { x };
+                row[columns.column as usize..][..columns.width as usize].fill(x);
+            }
+        };
+        set(&mut row, x, true);
+        derive(&mut row);
+        // Only what follows is compared.
+        set(&mut row, 0.0, false);
+        row.into_iter().map(f32::to_bits).collect::<Vec<_>>()
+    };
+    let one = row_at(0.03);
+    let same = [0.2, 0.5, 0.9].into_iter().all(|x| row_at(x) == one);
+    (!same).then_some(derive)
 }
 
 /// Turns textures into steps.

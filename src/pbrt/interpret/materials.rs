@@ -123,6 +123,11 @@ impl MaterialTable {
         }
     }
 
+    /// Whether it is not known yet what a material is.
+    pub(super) fn may_be_textured(&self, id: MaterialId) -> bool {
+        matches!(self.slots[id.0 as usize], Slot::Pending { .. })
+    }
+
     /// Whether the name was defined (being used is not enough).
     fn is_defined(&self, name: &str) -> bool {
         self.by_name(name).is_some()

@@ -391,7 +391,11 @@ impl Builder {
         source.triangles.extend(flat.iter().flat_map(|&[a, b, c, d]| [[a, b, d], [a, d, c]]));
         self.refuse_power(span);
         let place = parameters.find("P").map_or(Place::Span(span), |p| Place::Span(p.span));
+        let (mut flat, mut bent) = (flat, bent);
         source.check_used(bent.iter().flatten(), parameters)?;
+        if source.uvs.is_empty() && self.needs_coordinates(parameters) {
+            source = source.patch_coordinates(&mut flat, &mut bent);
+        }
         self.clean(&mut source, &place);
         source.check_used(source.triangles.iter().flatten(), parameters)?;
         if !source.normals.is_empty() && !flat.is_empty() {
@@ -408,6 +412,16 @@ impl Builder {
             sources.insert(0, Source::Mesh(Rc::new(source)));
         }
         Ok(sources)
+    }
+
+    /// Whether textures may look at the coordinates of a shape.
+    fn needs_coordinates(&self, parameters: &Parameters) -> bool {
+        let is_texture = |name: &'static str| {
+            parameters.find(name).is_some_and(|parameter| parameter.ty == ParameterType::Texture)
+        };
+        self.materials.may_be_textured(self.state.material)
+            || !self.textures.of_material(self.state.material).is_empty()
+            || is_texture("alpha")
     }
 
     /// A mesh in place of patches that are not plane, with their normals. Corners in the order 00, 10, 01, 11.
@@ -599,6 +613,23 @@ impl SourceMesh {
     fn is_flat(&self, patch: [u32; 4]) -> bool {
         let [a, b, c, d] = patch.map(|index| DVec3::from_array(self.positions[index as usize]));
         polygon::is_plane_and_convex([a, b, d, c])
+    }
+
+    /// The same with coordinates from 0 to 1 on each patch, which then has vertices of its own. Corners in the order 00,
+    /// 10, 01, 11.
+    fn patch_coordinates(&self, flat: &mut [[u32; 4]], bent: &mut [[u32; 4]]) -> SourceMesh {
+        let mut mesh = SourceMesh::default();
+        for patch in flat.iter_mut().chain(bent.iter_mut()) {
+            let first = mesh.positions.len() as u32;
+            for (corner, uv) in patch.iter().zip([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) {
+                mesh.positions.push(self.positions[*corner as usize]);
+                mesh.normals.extend(self.normals.get(*corner as usize));
+                mesh.uvs.push(uv);
+            }
+            *patch = [0, 1, 2, 3].map(|k| first + k);
+        }
+        mesh.triangles = flat.iter().flat_map(|&[a, b, c, d]| [[a, b, d], [a, d, c]]).collect();
+        mesh
     }
 
     /// Complains about a vertex that is no number and that a face uses.
