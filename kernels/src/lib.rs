@@ -36,3 +36,4 @@ pub mod roulette_compact;
 pub mod sampler;
 pub mod scene;
 pub mod shade;
+pub mod sphere_maps;

@@ -30,6 +30,8 @@ pub mod dimension {
     pub const ROULETTE: u32 = 3;
     /// Choice of a lobe where a direction is sampled, too (single).
     pub const LOBE: u32 = 4;
+    /// Choice of a part of the sky (single, 32 bits).
+    pub const SKY: u32 = 7;
 }
 
 /// The numbers of one sample a lane.

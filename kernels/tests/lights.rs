@@ -921,8 +921,13 @@ fn kinds_have_bits_and_names_of_their_own() {
     }
     assert_eq!(all, kind::ALL);
     assert_eq!(kind::ALL & !kind::SAMPLED, kind::UNSAMPLED);
-    let points = kind::POINT | kind::SPOT | kind::STRETCHED_SPOT | kind::GONIOMETRIC | kind::DISTANT;
-    assert_eq!(kind::ALL & !kind::SURFACES, points);
+    let points = kind::POINT
+        | kind::SPOT
+        | kind::STRETCHED_SPOT
+        | kind::GONIOMETRIC
+        | kind::PICTURE_POINT
+        | kind::DISTANT;
+    assert_eq!(kind::ALL & !kind::SURFACES, points | kind::ENVIRONMENT);
 }
 
 #[test]
