@@ -522,7 +522,10 @@ impl<'a> Search<'a> {
                 Light::Goniometric { position, .. } => {
                     lights.push((None, position, 0.0, "a goniometric light"))
                 }
-                Light::Infinite { .. } | Light::Distant { .. } => {}
+                Light::PicturePoint { position, .. } => {
+                    lights.push((None, position, 0.0, "a light with a picture"));
+                }
+                Light::Infinite { .. } | Light::EnvironmentMap { .. } | Light::Distant { .. } => {}
             }
         }
         for (number, shape) in self.shapes().iter().enumerate() {

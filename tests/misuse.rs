@@ -39,7 +39,12 @@ fn description() -> SceneDescription {
         .map(|(k, geometry)| Shape {
             geometry,
             material: MaterialId(0),
-            emission: (k > 0).then_some(Emission { radiance: [1.0; 3], power: None, two_sided: true }),
+            emission: (k > 0).then_some(Emission {
+                radiance: [1.0; 3],
+                power: None,
+                two_sided: true,
+                image: None,
+            }),
             flip_normal: false,
             visible: true,
             opacity: None,

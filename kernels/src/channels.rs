@@ -11,7 +11,7 @@ use crate::isa::{Isa, Kernel};
 use crate::lanes::{Real, Uint};
 use crate::math::Vec3;
 use crate::queue::{HitQueue, PAD, PathQueue, SLOT_BITS};
-use crate::scene::{Camera, MISS};
+use crate::scene::{Camera, MISS, Projection};
 use core::ops::Range;
 
 /// What a film does with the values of a channel.
@@ -202,6 +202,9 @@ impl<F: Real> FirstHit<F> {
 impl Camera {
     /// Unit vector into the scene, perpendicular to the image; 0 if the image is a line.
     pub fn axis(&self) -> [f32; 3] {
+        if let Projection::Orthographic { axis } | Projection::Sphere { axis, .. } = self.projection() {
+            return *axis;
+        }
         let wide = |v: [f32; 3]| v.map(f64::from);
         let ([a, b, c], [d, e, f]) = (wide(self.right()), wide(self.down()));
         let normal = [b * f - c * e, c * d - a * f, a * e - b * d];

@@ -5,7 +5,9 @@ use crate::lanes::{Mask, Real, Uint};
 use crate::math::{Vec3, uniform_disk};
 use crate::queue::{PathQueue, SAMPLE_BITS, SlotTable, place};
 use crate::sampler::{Sampler, Stream, dimension, stream_seed};
-use crate::scene::{Camera, FilterAxis};
+use crate::scene::lights::SkyMapping;
+use crate::scene::{Camera, FilterAxis, Projection};
+use crate::sphere_maps::{equal_area_to_sphere, lat_long_to_sphere};
 use core::marker::PhantomData;
 use core::ops::Range;
 use std::sync::Arc;
@@ -44,6 +46,23 @@ pub fn camera_ray<F: Real, S: Sampler>(
         .mul_add(raster_y, Vec3::splat(camera.right()).mul_add(raster_x, Vec3::splat(camera.corner())));
     let mut origin = Vec3::splat(camera.origin());
     let mut direction = through;
+    match camera.projection() {
+        Projection::Perspective => {}
+        Projection::Orthographic { axis } => {
+            origin = origin + through;
+            direction = Vec3::splat(*axis);
+        }
+        Projection::Sphere { mapping, axes, pixel, .. } => {
+            let place = [raster_x * F::splat(pixel[0]), raster_y * F::splat(pixel[1])];
+            let d = match mapping {
+                SkyMapping::EqualArea => equal_area_to_sphere(inside_square(place)),
+                SkyMapping::LatLong => lat_long_to_sphere(inside_rectangle(place)),
+            };
+            let [x, y, z] = axes;
+            direction =
+                Vec3::splat(*x).mul_add(d.x, Vec3::splat(*y).mul_add(d.y, Vec3::splat(*z).scale(d.z)));
+        }
+    }
     if let Some(lens) = camera.lens() {
         let (lx, ly) = uniform_disk(S::two::<F>(stream, F::Uint::splat(dimension::LENS)));
         let on_lens = Vec3::<F>::splat(lens.x).scale(lx) + Vec3::splat(lens.y).scale(ly);
@@ -59,6 +78,32 @@ pub fn camera_ray<F: Real, S: Sampler>(
         F::one()
     };
     CameraRay { origin, direction: direction.normalize(), weight }
+}
+
+/// The point of the octahedron's square where one beyond its edge lies, by less than its side: edges are folded at their
+/// middle.
+#[inline(always)]
+fn inside_square<F: Real>([u, v]: [F; 2]) -> [F; 2] {
+    let (one, two) = (F::one(), F::lit(2.0));
+    let (left, right) = (u.lt(F::zero()), u.gt(one));
+    let v = F::select(left | right, one - v, v);
+    let u = F::select(left, -u, F::select(right, two - u, u));
+    let (above, below) = (v.lt(F::zero()), v.gt(one));
+    let u = F::select(above | below, one - u, u);
+    let v = F::select(above, -v, F::select(below, two - v, v));
+    [u, v]
+}
+
+/// The same for azimuth and angle to +z: the azimuth goes around, beyond a pole is the other side.
+#[inline(always)]
+fn inside_rectangle<F: Real>([u, v]: [F; 2]) -> [F; 2] {
+    let (one, two, half) = (F::one(), F::lit(2.0), F::lit(0.5));
+    let (above, below) = (v.lt(F::zero()), v.gt(one));
+    let u = F::select(above | below, u + half, u);
+    let v = F::select(above, -v, F::select(below, two - v, v));
+    let u = F::select(u.lt(F::zero()), u + one, u);
+    let u = F::select(u.ge(one), u - one, u);
+    [u, v]
 }
 
 /// A block of pixels, perhaps cut off by the edge of the image.

@@ -40,4 +40,5 @@ pub mod roulette_compact;
 pub mod sampler;
 pub mod scene;
 pub mod shade;
+pub mod sphere_maps;
 pub mod texture;

@@ -32,6 +32,8 @@ pub mod dimension {
     pub const LOBE: u32 = 4;
     /// Choice of a material of a mixture (single).
     pub const MIXTURE: u32 = 5;
+    /// Choice of a part of the sky (single, 32 bits).
+    pub const SKY: u32 = 7;
 }
 
 /// The numbers of one sample a lane.

@@ -7,14 +7,16 @@ mod filter;
 mod geometry;
 pub mod lights;
 pub(crate) mod parametrization;
+mod picture;
 pub(crate) mod rows;
 pub mod shapes;
 
-pub use camera::{Camera, CameraParts, Lens};
+pub use camera::{Camera, CameraParts, Lens, Projection};
 pub use error::BuildError;
 pub use filter::{Filter, FilterAxis};
 pub use geometry::{Geometry, GeometryParts};
 pub use parametrization::{Along, Opacity, Parametrization};
+pub use picture::{Picture, Texels};
 pub use rows::NoRow;
 
 pub use crate::shade::materials::{MaterialClass, MaterialHandle, MaterialTable};

@@ -785,6 +785,7 @@ fn reflected<M: Material, P: Features>(light: &Light, material: M, wo: [f64; 3])
         let stream = Stream { seed: stream_seed(3, Wrapping(sample), 0), index: Wrapping(sample & 7) };
         let vertex = Vertex {
             surface,
+            tangent: Vec3::zero(),
             direction: -lanes::<f32>(wo),
             throughput: Rgb::all(1.0),
             eta_scale: 1.0,
@@ -922,8 +923,13 @@ fn kinds_have_bits_and_names_of_their_own() {
     }
     assert_eq!(all, kind::ALL);
     assert_eq!(kind::ALL & !kind::SAMPLED, kind::UNSAMPLED);
-    let points = kind::POINT | kind::SPOT | kind::STRETCHED_SPOT | kind::GONIOMETRIC | kind::DISTANT;
-    assert_eq!(kind::ALL & !kind::SURFACES, points);
+    let points = kind::POINT
+        | kind::SPOT
+        | kind::STRETCHED_SPOT
+        | kind::GONIOMETRIC
+        | kind::PICTURE_POINT
+        | kind::DISTANT;
+    assert_eq!(kind::ALL & !kind::SURFACES, points | kind::ENVIRONMENT);
 }
 
 #[test]

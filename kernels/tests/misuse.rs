@@ -31,6 +31,7 @@ fn parts() -> GeometryParts {
         spheres: vec![[0.0, 0.0, 3.0, 1.0]],
         quadrics: Vec::new(),
         tags: vec![0; 2],
+        ..GeometryParts::default()
     }
 }
 

@@ -39,6 +39,7 @@ mod ply;
 mod polygon;
 mod source;
 mod spectra;
+mod subdivision;
 mod suggest;
 pub(crate) mod transform;
 

@@ -189,6 +189,19 @@ impl Raster {
         }
     }
 
+    /// Column and row of the first pixel that is infinite or no number.
+    pub fn first_not_finite(&self) -> Option<[u32; 2]> {
+        let sample = match &self.samples {
+            RasterSamples::Bytes(_) | RasterSamples::Words(_) => None,
+            RasterSamples::Halves(samples) => samples.iter().position(|sample| !sample.is_finite()),
+            RasterSamples::Floats(samples) => samples.iter().position(|sample| !sample.is_finite()),
+        };
+        sample.map(|sample| {
+            let pixel = sample / self.channels as usize;
+            [pixel % self.width as usize, pixel / self.width as usize].map(|x| x as u32)
+        })
+    }
+
     /// The colours of all pixels in linear light, as [`Raster::linear`] has them.
     pub fn colours(&self, transfer: Transfer) -> Vec<[f32; 3]> {
         let channels = self.channels as usize;

@@ -8,7 +8,7 @@ use crate::film_file::{self, About, FilmFile};
 use crate::machine;
 use crate::picture::{self, Channel, DataWindow, Image, ImageError, Samples};
 use crate::report::{Rays, Report};
-use crate::scene::{Scene, SceneDescription};
+use crate::scene::{CameraKind, Scene, SceneDescription};
 use glam::{DMat4, DVec3};
 use std::io;
 use std::path::Path;
@@ -234,6 +234,11 @@ pub(super) fn camera_matrices(description: &SceneDescription) -> ([f32; 16], [f3
         [0.0, 0.0, far / (far - near), 1.0],
         [0.0, 0.0, -far * near / (far - near), 0.0],
     ]);
+    // The window of an orthographic camera is in units of its space.
+    let screen = match description.camera.kind {
+        CameraKind::Orthographic => DMat4::IDENTITY,
+        CameraKind::Perspective | CameraKind::Spherical(_) => screen,
+    };
     let to_unit = DMat4::from_translation(DVec3::splat(0.5)) * DMat4::from_scale(DVec3::new(0.5, 0.5, 1.0));
     let finite = |value: f64| if (value as f32).is_finite() { value as f32 } else { 0.0 };
     let rows = |matrix: DMat4| matrix.transpose().to_cols_array().map(finite);

@@ -2,16 +2,19 @@
 
 use super::check::check;
 use super::description as d;
+use super::light_images;
+use crate::picture::{Raster, RasterSamples};
 use glam::{DAffine3, DMat3, DVec3};
+use std::sync::Arc;
 use wavepath_kernels::scene::lights::{
-    CylinderRow, DistantRow, Emitter, FlatRow, GoniometricRow, Light, LightList, LightTable, PointRow,
-    SphereRow, StretchedSpotRow, fade, goniometric, kind,
+    CylinderRow, DistantRow, Emitter, FlatPictureRow, FlatRow, GoniometricRow, Light, LightList, LightTable,
+    PictureMapping, PicturePointRow, PointRow, SphereRow, StretchedSpotRow, fade, goniometric, kind,
 };
 use wavepath_kernels::scene::shapes::{Cylinder, Disk, Quadric, QuadricForm, SpherePart, polar_angle};
 use wavepath_kernels::scene::{Along, Parametrization};
 use wavepath_kernels::scene::{
     Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, Lens, MaterialHandle, MaterialTable,
-    NoRow, PrimitiveTag, Scene, SceneParts,
+    NoRow, PrimitiveTag, Projection, Scene, SceneParts,
 };
 use wavepath_kernels::shade::coated::{MOST_ORDERS, Passage};
 use wavepath_kernels::shade::materials as m;
@@ -86,6 +89,7 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
         built: Vec::new(),
         geometry: GeometryParts::default(),
         lights: LightList::default(),
+        pictures: Vec::new(),
         lamp_power: 0.0,
         textured: Vec::new(),
         cutouts: false,
@@ -93,11 +97,11 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
     check(description)?;
     builder.check_size()?;
     builder.materials()?;
-    builder.meshes();
+    builder.meshes()?;
     builder.spheres();
     builder.quadrics()?;
     let geometry = Geometry::new(std::mem::take(&mut builder.geometry))?;
-    builder.lights_without_surface();
+    builder.lights_without_surface()?;
     let environment = description.lights.iter().fold([0.0; 3], |sum, light| match light {
         d::Light::Infinite { radiance } => core::array::from_fn(|k| sum[k] + radiance[k]),
         _ => sum,
@@ -113,10 +117,13 @@ pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> R
     })?)
 }
 
-/// Empties the meshes of a description once the tables are built, which hold all of them: a large scene is not held
-/// twice. Their handles stay.
+/// Empties the meshes and pictures of a description once the tables are built, which hold all of them: a large scene is
+/// not held twice. Their handles stay.
 pub fn release_meshes(description: &mut d::SceneDescription) {
     description.meshes.iter_mut().for_each(|mesh| *mesh = d::Mesh::default());
+    if let Some(black) = Raster::new(1, 1, 1, RasterSamples::Bytes(vec![0])).map(Arc::new) {
+        description.light_images.iter_mut().for_each(|image| *image = black.clone());
+    }
 }
 
 /// Sets another resolution: the crop keeps its share of the image, the field of view that of the shorter axis.
@@ -152,20 +159,43 @@ fn camera(description: &d::SceneDescription) -> Result<Camera, BuildError> {
     } else {
         [-1.0, 1.0, -1.0 / aspect, 1.0 / aspect]
     });
-    let tan = (c.fov.to_radians() / 2.0).tan();
+    // Of an orthographic camera with a lens the points of the image are those in focus.
+    let orthographic = c.kind == d::CameraKind::Orthographic;
+    let tan = match orthographic {
+        true if c.lens_radius > 0.0 => c.focal_distance.recip(),
+        true => 1.0,
+        false => (c.fov.to_radians() / 2.0).tan(),
+    };
+    let depth = if orthographic && c.lens_radius <= 0.0 { 0.0 } else { 1.0 };
     let world = |x: f64, y: f64, z: f64| c.world_from_camera.transform_vector3(DVec3::new(x, y, z)).as_vec3();
-    Ok(Camera::new(CameraParts {
+    let unit =
+        |v: DVec3| -> [f32; 3] { c.world_from_camera.transform_vector3(v).normalize().as_vec3().into() };
+    let projection = match c.kind {
+        d::CameraKind::Orthographic if c.lens_radius <= 0.0 => {
+            Projection::Orthographic { axis: unit(DVec3::Z) }
+        }
+        d::CameraKind::Perspective | d::CameraKind::Orthographic => Projection::Perspective,
+        d::CameraKind::Spherical(mapping) => Projection::Sphere {
+            mapping,
+            axes: [unit(DVec3::X), unit(DVec3::Z), unit(DVec3::Y)],
+            axis: unit(DVec3::Z),
+            pixel: [width, height].map(|n| n.recip() as f32),
+        },
+    };
+    let has_lens = c.lens_radius > 0.0 && !matches!(c.kind, d::CameraKind::Spherical(_));
+    let camera = Camera::new(CameraParts {
         origin: c.world_from_camera.translation.as_vec3().into(),
-        corner: world(x0 * tan, y1 * tan, 1.0).into(),
+        corner: world(x0 * tan, y1 * tan, depth).into(),
         right: world((x1 - x0) / width * tan, 0.0, 0.0).into(),
         down: world(0.0, -(y1 - y0) / height * tan, 0.0).into(),
-        lens: (c.lens_radius > 0.0).then(|| Lens {
+        lens: has_lens.then(|| Lens {
             x: world(c.lens_radius, 0.0, 0.0).into(),
             y: world(0.0, c.lens_radius, 0.0).into(),
             focal_distance: c.focal_distance as f32,
         }),
         filter: filter(description.filter)?,
-    })?)
+    })?;
+    Ok(camera.with_projection(projection)?)
 }
 
 fn filter(filter: d::Filter) -> Result<Filter, BuildError> {
@@ -206,6 +236,8 @@ struct Builder<'a> {
     built: Vec<MaterialHandle>,
     geometry: GeometryParts,
     lights: LightList,
+    /// The pictures of `lights`, which are made once however many lights show them.
+    pictures: Vec<(d::LightImage, PictureMapping)>,
     /// Of the lights so far that can be sampled and have a power.
     lamp_power: f64,
     /// For each material, whether it is textured; empty if none is.
@@ -447,6 +479,18 @@ impl Builder<'_> {
 
     /// Adds a light for an emitting primitive of a certain area and returns the primitive's tag.
     fn emitter(&mut self, shape: &d::Shape, emission: d::Emission, area: f64, light: Light) -> PrimitiveTag {
+        self.coloured_emitter(shape, emission, area, light, [1.0; 3])
+    }
+
+    /// The same for one that shows a picture of this mean colour.
+    fn coloured_emitter(
+        &mut self,
+        shape: &d::Shape,
+        emission: d::Emission,
+        area: f64,
+        light: Light,
+        shown: [f64; 3],
+    ) -> PrimitiveTag {
         let sides = if emission.two_sided { 2.0 } else { 1.0 };
         let scale = emission.power.map_or(1.0, |p| p as f64 / (std::f64::consts::PI * area * sides));
         let radiance = emission.radiance.map(|x| (x as f64 * scale) as f32);
@@ -455,7 +499,10 @@ impl Builder<'_> {
             radiance,
             two_sided: emission.two_sided,
             material: material.row,
-            power: brightness(radiance) * area * sides * std::f64::consts::PI,
+            power: brightness(core::array::from_fn(|k| radiance[k] * shown[k] as f32))
+                * area
+                * sides
+                * std::f64::consts::PI,
         };
         if light.kind().bit() & kind::SAMPLED != 0 {
             self.lamp_power += emitter.power;
@@ -472,7 +519,18 @@ impl Builder<'_> {
         shape.emission.filter(|e| e.radiance != [0.0; 3] && e.power != Some(0.0))
     }
 
-    fn meshes(&mut self) {
+    /// The number of a picture among those of lights.
+    fn picture(&mut self, image: d::LightImage, mapping: PictureMapping) -> Result<u32, BuildError> {
+        if let Some(number) = self.pictures.iter().position(|known| *known == (image, mapping)) {
+            return Ok(number as u32);
+        }
+        let raster = &self.description.light_images[image.image.0 as usize];
+        let picture = light_images::light_picture(raster, image.transfer, mapping)?;
+        self.pictures.push((image, mapping));
+        Ok(self.lights.push_picture(picture))
+    }
+
+    fn meshes(&mut self) -> Result<(), BuildError> {
         let description = self.description;
         let shapes = |smooth: bool| {
             description.shapes.iter().filter_map(move |s| match s.geometry {
@@ -523,9 +581,10 @@ impl Builder<'_> {
                 of.resize(of.len() + if shape.visible { mesh.triangles.len() } else { 0 }, number);
             }
             for triangle in &mesh.triangles {
-                self.triangle(shape, mesh, *triangle, first, first_normal[id]);
+                self.triangle(shape, mesh, *triangle, first, first_normal[id])?;
             }
         }
+        Ok(())
     }
 
     fn triangle(
@@ -535,7 +594,7 @@ impl Builder<'_> {
         corners: [u32; 3],
         first: u32,
         first_normal: u32,
-    ) {
+    ) -> Result<(), BuildError> {
         let p = corners.map(|k| DVec3::from(mesh.positions[k as usize].map(f64::from)));
         let cross = (p[1] - p[0]).cross(p[2] - p[0]);
         let area = 0.5 * cross.length();
@@ -566,7 +625,13 @@ impl Builder<'_> {
                     area: area as f32,
                     normal: n.into(),
                 };
-                self.emitter(shape, emission, area, Light::Triangle(row))
+                match emission.image {
+                    None => self.emitter(shape, emission, area, Light::Triangle(row)),
+                    Some(image) => {
+                        let uvs = corners.map(|k| mesh.uvs[k as usize].map(f64::from));
+                        self.picture_triangle(shape, emission, image, row, p, uvs)?
+                    }
+                }
             }
             _ => self.tag(shape),
         };
@@ -576,6 +641,43 @@ impl Builder<'_> {
             self.geometry.planes.push([n.x, n.y, n.z, distance as f32]);
             self.geometry.tags.push(tag.0);
         }
+        Ok(())
+    }
+
+    /// A triangle of these corners and texture coordinates that shows a picture, otherwise as `row` says.
+    fn picture_triangle(
+        &mut self,
+        shape: &d::Shape,
+        emission: d::Emission,
+        image: d::LightImage,
+        row: FlatRow,
+        p: [DVec3; 3],
+        uvs: [[f64; 2]; 3],
+    ) -> Result<PrimitiveTag, BuildError> {
+        let number = self.picture(image, PictureMapping::Surface)?;
+        // The two vectors whose products with a place, from the first corner, are its coordinates along the edges.
+        let (e1, e2) = (p[1] - p[0], p[2] - p[0]);
+        let normal = e1.cross(e2);
+        let [first, second] = [e2.cross(normal), normal.cross(e1)].map(|v| v / normal.length_squared());
+        let along = |k: usize| first * (uvs[1][k] - uvs[0][k]) + second * (uvs[2][k] - uvs[0][k]);
+        let FlatRow { corner, first, second, area, normal } = row;
+        let light = Light::PictureTriangle(FlatPictureRow {
+            corner,
+            first,
+            second,
+            area,
+            normal,
+            along_u: along(0).as_vec3().into(),
+            along_v: along(1).as_vec3().into(),
+            u: uvs[0][0] as f32,
+            v: uvs[0][1] as f32,
+            number: number as f32,
+        });
+        let shown = match self.lights.picture(number) {
+            Some(picture) => light_images::mean_over_triangle(&picture.picture, uvs),
+            None => [1.0; 3],
+        };
+        Ok(self.coloured_emitter(shape, emission, f64::from(area), light, shown))
     }
 
     /// A shape that is a whole, round sphere in the world: centre and radius.
@@ -707,12 +809,51 @@ impl Builder<'_> {
     ///
     /// A distant light has no power: how much of it there is depends on how far the floor goes on, seen or not. Beside
     /// lamps, the distant lights together are chosen half of the time, in the ratio of their brightness: no more than
-    /// twice as rarely as they should be, nor the lamps.
-    fn lights_without_surface(&mut self) {
+    /// twice as rarely as they should be, nor the lamps. Pictures of the sky count among them, by the irradiance that
+    /// half a sky of their mean radiance brings.
+    fn lights_without_surface(&mut self) -> Result<(), BuildError> {
         let mut lights = Vec::new();
+        let mut maps = Vec::new();
         for light in &self.description.lights {
             let (radiance, power, light) = match *light {
                 d::Light::Infinite { .. } => continue,
+                d::Light::EnvironmentMap { radiance, image, mapping, light_from_world, portal } => {
+                    let raster = &self.description.light_images[image.image.0 as usize];
+                    let map = light_images::environment_map(
+                        raster,
+                        image.transfer,
+                        radiance,
+                        mapping,
+                        &light_from_world,
+                        portal,
+                    )?;
+                    maps.extend(map.map(|map| {
+                        let power = brightness(map.mean().map(|x| x as f32)) * std::f64::consts::PI;
+                        (map, power)
+                    }));
+                    continue;
+                }
+                d::Light::PicturePoint {
+                    intensity,
+                    position,
+                    image,
+                    mapping,
+                    light_from_world,
+                    half_size,
+                } => {
+                    let number = self.picture(image, mapping)?;
+                    let integral = self
+                        .lights
+                        .picture(number)
+                        .map_or([0.0; 3], |picture| light_images::integral(picture, half_size));
+                    let power = brightness(core::array::from_fn(|k| intensity[k] * integral[k] as f32));
+                    let rows = light_from_world.transpose();
+                    let [x, y, z] = [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().into());
+                    let [half_width, half_height] = half_size.map(|x| x as f32);
+                    let (position, number) = (position.as_vec3().into(), number as f32);
+                    let row = PicturePointRow { position, x, y, z, half_width, half_height, number };
+                    (intensity, power, Light::PicturePoint(row))
+                }
                 d::Light::Point { intensity, position } => {
                     let row = PointRow { position: position.as_vec3().into(), ..PointRow::default() };
                     (intensity, brightness(intensity) * 4.0 * std::f64::consts::PI, Light::Point(row))
@@ -782,13 +923,19 @@ impl Builder<'_> {
                 _ => self.lamp_power += emitter.power,
             }
         }
+        brightness += maps.iter().map(|(_, power)| power).sum::<f64>();
         let share = self.lamp_power / brightness;
+        let share = if share > 0.0 && share.is_finite() { share } else { 1.0 };
         for (mut emitter, light) in lights {
-            if matches!(light, Light::Distant(_)) && share > 0.0 && share.is_finite() {
+            if matches!(light, Light::Distant(_)) {
                 emitter.power *= share;
             }
             self.lights.push(emitter, light);
         }
+        for (map, power) in maps {
+            self.lights.push_map(map, power * share);
+        }
+        Ok(())
     }
 }
 

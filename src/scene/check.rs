@@ -17,7 +17,7 @@ pub(super) fn check(scene: &d::SceneDescription) -> Result<(), BuildError> {
         check_shape(scene, id, shape)?;
     }
     for (id, light) in scene.lights.iter().enumerate() {
-        check_light(id, light)?;
+        check_light(scene, id, light)?;
     }
     Ok(())
 }
@@ -155,17 +155,62 @@ fn check_shape(scene: &d::SceneDescription, id: usize, shape: &d::Shape) -> Resu
     }
     let Some(emission) = shape.emission else { return Ok(()) };
     colour("shape", id, "its emitted radiance", emission.radiance)?;
+    if let Some(image) = emission.image {
+        refers_to_image(scene, "shape", id, image)?;
+        let d::Geometry::Mesh(mesh) = shape.geometry else {
+            return wrong("shape", id, "it is no mesh, on which alone a picture can shine");
+        };
+        if scene.meshes[mesh.0 as usize].uvs.is_empty() {
+            return wrong(
+                "shape",
+                id,
+                "its mesh has no texture coordinates for the picture that shines on it",
+            );
+        }
+    }
     match emission.power {
         Some(power) => not_negative("shape", id, "its power", &[power.into()]),
         None => Ok(()),
     }
 }
 
-fn check_light(id: usize, light: &d::Light) -> Result<(), BuildError> {
+/// The picture of a light exists, and is one of finite colours.
+fn refers_to_image(
+    scene: &d::SceneDescription,
+    of: &'static str,
+    id: usize,
+    image: d::LightImage,
+) -> Result<(), BuildError> {
+    let (found, exist) = (image.image.0, scene.light_images.len());
+    let Some(image) = scene.light_images.get(found as usize) else {
+        return wrong(of, id, format!("it refers to image {found}, but there are {exist}"));
+    };
+    match image.first_not_finite() {
+        None => Ok(()),
+        Some([x, y]) => wrong(of, id, format!("pixel {x}, {y} of its image is not finite")),
+    }
+}
+
+fn check_light(scene: &d::SceneDescription, id: usize, light: &d::Light) -> Result<(), BuildError> {
     colour("light", id, "its radiance or intensity", light.colour())?;
     let vector = |what: &str, v: glam::DVec3| finite("light", id, what, &v.to_array());
     match *light {
         d::Light::Infinite { .. } => Ok(()),
+        d::Light::EnvironmentMap { image, light_from_world, portal, .. } => {
+            refers_to_image(scene, "light", id, image)?;
+            finite("light", id, "a number of its transform", &light_from_world.to_cols_array())?;
+            portal.into_iter().flatten().try_for_each(|v| vector("a coordinate of its portal", v))
+        }
+        d::Light::PicturePoint { position, image, mapping, light_from_world, half_size, .. } => {
+            refers_to_image(scene, "light", id, image)?;
+            vector("a coordinate", position)?;
+            finite("light", id, "a number of its transform", &light_from_world.to_cols_array())?;
+            positive("light", id, "half a side of its picture", &half_size)?;
+            if mapping == d::PictureMapping::Surface {
+                return wrong("light", id, "it has no surface for a picture");
+            }
+            Ok(())
+        }
         d::Light::Point { position, .. } => vector("a coordinate", position),
         d::Light::Spot { position, direction, cos_falloff_start, cos_total_width, .. } => {
             vector("a coordinate", position)?;

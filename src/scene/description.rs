@@ -5,11 +5,13 @@
 //! costs no accuracy; vertices are rounded to `f32` once, in world space.
 
 use crate::pbrt::transform;
+use crate::picture::{Raster, Transfer};
 use glam::{DAffine3, DMat3, DVec3};
 use std::sync::Arc;
 use wavepath_engine::SamplerKind;
 use wavepath_engine::film::Frame;
 pub use wavepath_kernels::scene::Opacity;
+pub use wavepath_kernels::scene::lights::{PictureMapping, SkyMapping};
 pub use wavepath_kernels::shade::coated::Coat;
 pub use wavepath_kernels::shade::coated_conductor::Layers;
 pub use wavepath_kernels::shade::materials::Relief;
@@ -26,6 +28,19 @@ pub struct MaterialId(pub u32);
 /// Handle of a [`Mesh`] in [`SceneDescription::meshes`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct MeshId(pub u32);
+
+/// Handle of a picture in [`SceneDescription::images`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ImageId(pub u32);
+
+/// A picture, and what its samples mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightImage {
+    /// The picture.
+    pub image: ImageId,
+    /// What integer samples stand for.
+    pub transfer: Transfer,
+}
 
 /// A scene in world space.
 #[derive(Clone, Debug)]
@@ -54,6 +69,8 @@ pub struct SceneDescription {
     pub reliefs: Vec<(MaterialId, Relief)>,
     /// Lights without a surface. Emitting surfaces are [`Shape::emission`].
     pub lights: Vec<Light>,
+    /// Pictures that lights refer to. Where a sample is negative it counts as 0; all must be finite.
+    pub light_images: Vec<Arc<Raster>>,
 }
 
 impl Default for SceneDescription {
@@ -72,6 +89,7 @@ impl Default for SceneDescription {
             images: Vec::new(),
             reliefs: Vec::new(),
             lights: Vec::new(),
+            light_images: Vec::new(),
         }
     }
 }
@@ -89,6 +107,12 @@ impl SceneDescription {
         Geometry::Mesh(MeshId(self.meshes.len() as u32 - 1))
     }
 
+    /// Adds a picture for lights.
+    pub fn add_light_image(&mut self, image: Arc<Raster>) -> ImageId {
+        self.light_images.push(image);
+        ImageId(self.light_images.len() as u32 - 1)
+    }
+
     /// Adds a surface that reflects.
     pub fn add_shape(&mut self, geometry: Geometry, material: MaterialId) {
         let (opacity, visible) = (None, true);
@@ -97,20 +121,35 @@ impl SceneDescription {
 
     /// Adds a surface that emits `radiance` on the side of its normal.
     pub fn add_lamp(&mut self, geometry: Geometry, material: MaterialId, radiance: Rgb) {
-        let emission = Some(Emission { radiance, power: None, two_sided: false });
+        let emission = Some(Emission { radiance, power: None, two_sided: false, image: None });
         let (opacity, visible) = (None, true);
         self.shapes.push(Shape { geometry, material, emission, flip_normal: false, opacity, visible });
     }
 }
 
-/// A perspective camera with an optional thin lens.
+/// How the rays of a [`Camera`] go.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CameraKind {
+    /// Through points of the image, from the pinhole or the lens.
+    #[default]
+    Perspective,
+    /// All in one direction, from points of the screen window in the plane z = 0, of units of camera space. With a lens, as
+    /// in pbrt, from points of the lens to those of the plane in focus.
+    Orthographic,
+    /// In all directions, of which the image is a map whose +z is y of camera space.
+    Spherical(SkyMapping),
+}
+
+/// A camera with an optional thin lens.
 #[derive(Clone, Debug)]
 pub struct Camera {
+    /// How its rays go.
+    pub kind: CameraKind,
     /// Camera space (x right, y up, z into the scene, left-handed as in pbrt) to world space.
     pub world_from_camera: DAffine3,
     /// Full field of view of the shorter image axis, in degrees, in (0, 180).
     pub fov: f64,
-    /// Screen window `[x0, x1, y0, y1]` on the plane z = 1 in units of tan(fov/2).
+    /// Screen window `[x0, x1, y0, y1]` on the plane z = 1 in units of tan(fov/2), of an orthographic camera in camera space.
     /// `None`: the shorter axis spans [-1, 1] and the other follows from the aspect ratio of the full image.
     pub screen_window: Option<[f64; 4]>,
     /// Width over height used for the default screen window. `None`: that of the resolution.
@@ -124,6 +163,7 @@ pub struct Camera {
 impl Default for Camera {
     fn default() -> Self {
         Camera {
+            kind: CameraKind::Perspective,
             world_from_camera: DAffine3::IDENTITY,
             fov: 90.0,
             screen_window: None,
@@ -328,6 +368,9 @@ pub struct Emission {
     pub power: Option<f32>,
     /// Emits on both sides.
     pub two_sided: bool,
+    /// A picture over the surface, by which `radiance` is multiplied: its lower edge is where v is 0. On meshes with
+    /// texture coordinates only.
+    pub image: Option<LightImage>,
 }
 
 /// What a surface is made of. Each parameter is a constant or a texture.
@@ -447,6 +490,35 @@ pub enum Light {
         /// Radiance.
         radiance: Rgb,
     },
+    /// Radiance from infinity by direction.
+    EnvironmentMap {
+        /// By what the colours of the picture are multiplied.
+        radiance: Rgb,
+        /// The picture.
+        image: LightImage,
+        /// How it covers the sphere.
+        mapping: SkyMapping,
+        /// Takes directions of the world to those of the picture; their length does not count.
+        light_from_world: DMat3,
+        /// Corner and two edges of an opening through which alone the sky is seen, by rays that go the way of the edges'
+        /// vector product.
+        portal: Option<[DVec3; 3]>,
+    },
+    /// Point light that shines through a picture.
+    PicturePoint {
+        /// By what the colours of the picture are multiplied: radiant intensity.
+        intensity: Rgb,
+        /// World position.
+        position: DVec3,
+        /// The picture.
+        image: LightImage,
+        /// How it is looked up: not on a surface.
+        mapping: PictureMapping,
+        /// Takes directions of the world to the light's space; their length does not count.
+        light_from_world: DMat3,
+        /// Half width and half height of a projection, at distance 1.
+        half_size: [f64; 2],
+    },
     /// Isotropic point light.
     Point {
         /// Radiant intensity (per steradian).
@@ -500,8 +572,11 @@ impl Light {
     /// See [`Light::colour`].
     pub fn colour_mut(&mut self) -> &mut Rgb {
         match self {
-            Light::Infinite { radiance } | Light::Distant { radiance, .. } => radiance,
+            Light::Infinite { radiance }
+            | Light::Distant { radiance, .. }
+            | Light::EnvironmentMap { radiance, .. } => radiance,
             Light::Point { intensity, .. }
+            | Light::PicturePoint { intensity, .. }
             | Light::Spot { intensity, .. }
             | Light::Goniometric { intensity, .. } => intensity,
         }

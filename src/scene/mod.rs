@@ -3,6 +3,7 @@
 mod build;
 mod check;
 mod description;
+mod light_images;
 mod opened;
 
 pub use build::{BuildError, SphericalLights, build, release_meshes, set_resolution};

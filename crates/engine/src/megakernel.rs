@@ -21,6 +21,7 @@ use wavepath_kernels::sampler::{Stream, stream_seed};
 use wavepath_kernels::scene::{PrimitiveTag, Scene};
 use wavepath_kernels::shade::bsdf::Bsdf;
 use wavepath_kernels::shade::emission::emitted;
+use wavepath_kernels::shade::environment::sky;
 use wavepath_kernels::shade::materials::{ForMaterial, Material};
 use wavepath_kernels::shade::parameters::Parameters;
 use wavepath_kernels::shade::surface::Surface;
@@ -196,7 +197,11 @@ fn trace<I: Isa, P: Features>(
         }
         let (list, emits) = list_of(scene.geometry().tags(), scene.max_depth(), hit.primitive, depth);
         if list == list::MISSED {
-            add(throughput * Rgb::splat(scene.environment()));
+            if scene.lights().maps().is_empty() {
+                add(throughput * Rgb::splat(scene.environment()));
+            } else {
+                add(throughput * sky::<I::One, P::Lights>(scene, origin, direction, pdf));
+            }
             break;
         }
         let splat = I::One::splat;

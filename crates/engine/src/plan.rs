@@ -53,6 +53,7 @@ pub struct Plan {
     requirements: Requirements,
     shade_kernels: Vec<MaterialClass>,
     has_environment: bool,
+    environment_maps: usize,
     light_kinds: u32,
     /// Lights, by what they are.
     pub lights: Vec<(&'static str, usize)>,
@@ -103,6 +104,10 @@ impl Plan {
     /// Is there light from the sky?
     pub fn has_environment(&self) -> bool {
         self.has_environment
+    }
+    /// Are there pictures of the sky?
+    pub fn has_environment_maps(&self) -> bool {
+        self.environment_maps > 0
     }
     /// Kinds of lights to sample ([`kind`]).
     pub fn light_kinds(&self) -> u32 {
@@ -156,6 +161,7 @@ impl Plan {
             requirements,
             shade_kernels,
             has_environment,
+            environment_maps: scene.lights().maps().len(),
             light_kinds,
             lights: scene.lights().census().into_iter().map(|(kind, n)| (kind.name(), n)).collect(),
             primitives,
@@ -304,6 +310,8 @@ impl Plan {
             self.has_environment,
             (if self.has_environment { "the sky shines" } else { "the sky is black" }).into(),
         ));
+        let maps = self.environment_maps;
+        parts.push(part("shade: environment maps", maps > 0, counted(maps, "environment maps")));
         parts.push(part(
             "light_sample",
             self.light_kinds != 0,

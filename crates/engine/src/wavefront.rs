@@ -24,7 +24,7 @@ use wavepath_kernels::queue::{
 use wavepath_kernels::roulette_compact::RouletteCompact;
 use wavepath_kernels::scene::MaterialClass;
 use wavepath_kernels::shade::emission::Emission;
-use wavepath_kernels::shade::environment::Environment;
+use wavepath_kernels::shade::environment::{Environment, EnvironmentMaps};
 use wavepath_kernels::shade::materials::{ForMaterial, Material};
 use wavepath_kernels::shade::{Features, Shade};
 use wavepath_kernels::texture::{EvaluateTextures, PIECE, TexturedRows};
@@ -310,7 +310,17 @@ impl<'a, P: Features, A: Accelerator> Pool<'a, P, A> {
     /// The light that paths met by themselves: the sky, and emitting surfaces.
     fn light_met<I: Isa>(&mut self, isa: I, sorted: &Sorted) {
         let scene = self.job.scene;
-        if self.job.plan.has_environment() {
+        if self.job.plan.has_environment_maps() {
+            isa.run(EnvironmentMaps::<P::Lights> {
+                scene,
+                list: &self.order.list[sorted.range(list::MISSED)],
+                paths: &self.paths,
+                slots: &mut self.slots,
+                lights: PhantomData,
+                // SAFETY: as for `shade`; the plan has densities where there are lights to sample.
+                promise: unsafe { Promise::new() },
+            });
+        } else if self.job.plan.has_environment() {
             isa.run(Environment {
                 radiance: scene.environment(),
                 list: &self.order.list[sorted.range(list::MISSED)],

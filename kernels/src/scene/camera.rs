@@ -2,6 +2,7 @@
 
 use super::error::{BuildError, finite};
 use super::filter::Filter;
+use super::lights::SkyMapping;
 
 /// What a [`Camera`] is made of: a perspective camera with a thin lens.
 #[derive(Clone, Debug)]
@@ -20,10 +21,35 @@ pub struct CameraParts {
     pub filter: Filter,
 }
 
-/// A perspective camera with a thin lens. All its numbers are finite.
+/// A camera: perspective with a thin lens, if nothing else is said. All its numbers are finite.
 #[derive(Clone, Debug)]
 pub struct Camera {
     parts: CameraParts,
+    projection: Projection,
+}
+
+/// How rays leave a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Projection {
+    /// From the centre of the lens through points of the image.
+    Perspective,
+    /// From points of the image, all in one direction. [`CameraParts::corner`] is then the way from the origin to the first of
+    /// them.
+    Orthographic {
+        /// Unit direction in the world.
+        axis: [f32; 3],
+    },
+    /// From the origin in all directions.
+    Sphere {
+        /// How the image covers them.
+        mapping: SkyMapping,
+        /// The axes of the map in the world: x, y and z of [`crate::sphere_maps`], of unit length.
+        axes: [[f32; 3]; 3],
+        /// Camera z in the world.
+        axis: [f32; 3],
+        /// 1 over the columns and rows of the full image.
+        pixel: [f32; 2],
+    },
 }
 
 impl Camera {
@@ -48,7 +74,28 @@ impl Camera {
                 return Err(BuildError::Number { of: "camera", id: 0, what });
             }
         }
-        Ok(Camera { parts })
+        Ok(Camera { parts, projection: Projection::Perspective })
+    }
+    /// The same with another projection.
+    ///
+    /// # Errors
+    /// If a number is not finite.
+    pub fn with_projection(self, projection: Projection) -> Result<Self, BuildError> {
+        match &projection {
+            Projection::Perspective => {}
+            Projection::Orthographic { axis } => finite("camera", 0, "its axis", axis)?,
+            Projection::Sphere { axes, axis, pixel, .. } => {
+                finite("camera", 0, "an axis", axes.as_flattened())?;
+                finite("camera", 0, "its axis", axis)?;
+                finite("camera", 0, "the size of a pixel", pixel)?;
+            }
+        }
+        Ok(Camera { projection, ..self })
+    }
+    /// How rays leave it.
+    #[inline(always)]
+    pub fn projection(&self) -> &Projection {
+        &self.projection
     }
     /// World position of the pinhole, the centre of the lens.
     #[inline(always)]

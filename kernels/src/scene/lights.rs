@@ -3,13 +3,19 @@
 //!
 //! To add a kind: a file beside `goniometric.rs`, and a line in `light_kinds!`.
 
+pub(crate) mod alias;
+mod cells;
 mod cylinder;
+mod environment_map;
 pub mod goniometric;
+mod picture;
 mod stretched_spot;
 mod table;
 
 pub use cylinder::CylinderRow;
+pub use environment_map::{EnvironmentMap, EnvironmentParts, Portal, SkyMapping};
 pub use goniometric::GoniometricRow;
+pub use picture::{LightPicture, PictureMapping};
 pub use stretched_spot::StretchedSpotRow;
 pub use table::{Emitter, LightList, LightTable};
 
@@ -25,6 +31,7 @@ use crate::scene::rows::{NoRow, Row, row};
 /// | `surface(sample, pdf)` | a surface that emits: sampled, and met by paths |
 /// | `delta(sample)` | without extent: sampled, never met |
 /// | `chance()` | a surface that emits and cannot be sampled |
+/// | `sky()` | light from infinity: sampled ([`LightTable::sample_map`]), and met by paths that leave the scene |
 macro_rules! light_kinds {
     ($use:ident) => {
         $use! {
@@ -41,6 +48,8 @@ macro_rules! light_kinds {
                 Triangle TRIANGLE FlatRow "triangle";
                 /// Full disk (or ellipse), sampled uniformly over its surface.
                 Disk DISK FlatRow "disk";
+                /// Triangle that shows a picture, sampled uniformly over its surface.
+                PictureTriangle PICTURE_TRIANGLE FlatPictureRow "triangle with a picture";
             }
             surface(cylinder::sample, cylinder::pdf) {
                 /// Round cylinder without ends, sampled uniformly over its surface.
@@ -60,9 +69,17 @@ macro_rules! light_kinds {
                 /// Point with a cone that is round in a stretched space.
                 StretchedSpot STRETCHED_SPOT StretchedSpotRow "stretched spot";
             }
+            delta(picture::sample) {
+                /// Point that shines through a picture.
+                PicturePoint PICTURE_POINT PicturePointRow "point with a picture";
+            }
             delta(sample_distant) {
                 /// Parallel light.
                 Distant DISTANT DistantRow "distant";
+            }
+            sky() {
+                /// Picture of the sky.
+                Environment ENVIRONMENT EnvironmentRow "environment map";
             }
             chance() {
                 /// Emitting surface that cannot be sampled (a clipped or stretched sphere, a stretched cylinder): found by chance only.
@@ -204,6 +221,9 @@ macro_rules! is_surface {
     (delta $bit:ident) => {
         0
     };
+    (sky $bit:ident) => {
+        0
+    };
     ($class:ident $bit:ident) => {
         $bit
     };
@@ -212,6 +232,7 @@ macro_rules! is_surface {
 /// Samples the lanes of some kinds, if any can occur.
 macro_rules! sample_kinds {
     (chance() $($rest:tt)*) => {};
+    (sky() $($rest:tt)*) => {};
     ($class:ident($sample:path $(, $pdf:path)?) [$($bit:ident)*] $L:ident $light:ident $origin:ident $u:ident $out:ident) => {
         let here = const { 0 $(| kind::$bit)* };
         if $L::KINDS & here != 0 {
@@ -322,6 +343,52 @@ row! {
 }
 
 row! {
+    /// A triangle that shows a picture. It begins as a [`FlatRow`].
+    FlatPictureRow FlatPictureLanes {
+        /// See [`FlatRow`].
+        corner: [f32; 3],
+        /// See [`FlatRow`].
+        first: [f32; 3],
+        /// See [`FlatRow`].
+        second: [f32; 3],
+        /// See [`FlatRow`].
+        area: f32,
+        /// See [`FlatRow`].
+        normal: [f32; 3],
+        /// Gradient of the coordinate u over the surface.
+        along_u: [f32; 3],
+        /// Gradient of the coordinate v.
+        along_v: [f32; 3],
+        /// u at the corner.
+        u: f32,
+        /// v at the corner.
+        v: f32,
+        /// Number of the picture.
+        number: f32,
+    }
+}
+
+row! {
+    /// A point that shines through a picture.
+    PicturePointRow PicturePointLanes {
+        /// Where.
+        position: [f32; 3],
+        /// Rows of the matrix that takes directions of the world to the light's space.
+        x: [f32; 3],
+        /// See `x`.
+        y: [f32; 3],
+        /// See `x`.
+        z: [f32; 3],
+        /// Half the width of a projection at distance 1.
+        half_width: f32,
+        /// Half the height.
+        half_height: f32,
+        /// Number of the picture.
+        number: f32,
+    }
+}
+
+row! {
     /// A point, perhaps with a cone.
     PointRow PointLanes {
         /// Where.
@@ -353,6 +420,14 @@ row! {
     }
 }
 
+row! {
+    /// A picture of the sky, which has a table of its own.
+    EnvironmentRow EnvironmentLanes {
+        /// Its number among them.
+        number: f32,
+    }
+}
+
 /// Numbers that every light has.
 const COMMON: usize = Common::LEN;
 /// Place of the probability in a row.
@@ -368,6 +443,7 @@ const HIDDEN_TWO_SIDED: f32 = 2.0;
 #[derive(Clone, Copy)]
 pub struct LightRow<'a, F: Real> {
     rows: &'a [f32],
+    pictures: &'a [LightPicture],
     first: F::Uint,
     kind: F::Uint,
 }
@@ -377,10 +453,16 @@ impl<'a, F: Real> LightRow<'a, F> {
     /// `kinds` has an element and `rows` `stride` numbers for each light, and every lane of `id` is one; behind them all
     /// are [`LONGEST`] more numbers.
     #[inline(always)]
-    unsafe fn new(kinds: &'a [u32], rows: &'a [f32], stride: u32, id: F::Uint) -> Self {
+    unsafe fn new(
+        kinds: &'a [u32],
+        rows: &'a [f32],
+        pictures: &'a [LightPicture],
+        stride: u32,
+        id: F::Uint,
+    ) -> Self {
         // SAFETY: the caller's promise.
         let kind = unsafe { F::Uint::gather(kinds, id) };
-        LightRow { rows, first: id * F::Uint::splat(stride), kind }
+        LightRow { rows, pictures, first: id * F::Uint::splat(stride), kind }
     }
     #[inline(always)]
     fn common(&self) -> CommonLanes<'a, F> {
@@ -419,12 +501,16 @@ impl<'a, F: Real> LightRow<'a, F> {
         let two_sided = self.common().two_sided();
         two_sided.lt(F::zero()) | two_sided.gt(F::one())
     }
-    /// Emitted radiance towards `-direction` for a ray that meets the surface with normal `normal`: on the side of
-    /// the normal, or on both.
+    /// Emitted radiance towards `-direction` for a ray that meets the surface at `origin + t direction`, where the normal
+    /// is `normal`: on the side of the normal, or on both.
     #[inline(always)]
-    pub fn emitted(&self, normal: Vec3<F>, direction: Vec3<F>) -> Rgb<F> {
+    pub fn emitted(&self, normal: Vec3<F>, origin: Vec3<F>, direction: Vec3<F>, t: F) -> Rgb<F> {
         let seen = normal.dot(direction).lt(F::zero()) | self.two_sided();
-        Rgb::select(seen, self.radiance(), Rgb::zero())
+        let mut radiance = self.radiance();
+        if !self.pictures.is_empty() {
+            radiance = radiance * picture::shown(self, direction.mul_add(t, origin));
+        }
+        Rgb::select(seen, radiance, Rgb::zero())
     }
 }
 
@@ -614,7 +700,11 @@ fn sample_flat<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> Ligh
     let disk = light.is(kind::DISK);
     let (a, b) = (F::select(disk, x, a), F::select(disk, y, b));
     let point = e1.mul_add(a, e2.mul_add(b, flat.corner()));
-    towards_point(light, origin, point, flat.normal(), flat.area())
+    let mut out = towards_point(light, origin, point, flat.normal(), flat.area());
+    if !light.pictures.is_empty() {
+        out.radiance = out.radiance * picture::shown(light, point);
+    }
+    out
 }
 
 /// The sample at `point`, chosen uniformly from `area`.

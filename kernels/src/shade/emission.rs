@@ -29,7 +29,7 @@ pub unsafe fn emitted<F: Real, L: LightKinds>(
 ) -> Rgb<F> {
     // SAFETY: the caller's promise.
     let row = unsafe { scene.lights().row::<F>(light) };
-    let radiance = row.emitted(normal, direction);
+    let radiance = row.emitted(normal, origin, direction, t);
     if L::KINDS == 0 {
         return radiance;
     }

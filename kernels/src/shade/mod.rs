@@ -30,7 +30,7 @@ use crate::lanes::{Mask, Real, Uint};
 use crate::math::{Frame, Rgb, Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable, list_lanes};
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
-use crate::scene::lights::{LightKinds, sample};
+use crate::scene::lights::{LightKinds, kind, sample};
 use crate::scene::parametrization::tangents;
 use crate::scene::{Geometry, PrimitiveTag, Scene};
 use crate::texture::TexturedPiece;
@@ -181,7 +181,11 @@ fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
     let u = P::Sampler::two::<F>(vertex.stream, vertex_dimension(vertex.depth, dimension::LIGHT));
     // The same reference point as that of a BSDF ray on this side, so that both strategies speak of one density.
     let reference = vertex.surface.leave(-vertex.direction);
-    let towards = sample::<F, P::Lights>(&light, reference, u);
+    let mut towards = sample::<F, P::Lights>(&light, reference, u);
+    if P::LIGHTS & kind::ENVIRONMENT != 0 && !lights.maps().is_empty() {
+        let bits = P::Sampler::bits(vertex.stream, vertex_dimension(vertex.depth, dimension::SKY));
+        lights.sample_map(&light, reference, bits, u, &mut towards);
+    }
     let wi_local = frame.to_local(towards.direction);
     let value = bsdf.eval(wo_local, wi_local);
     let pdf_light = towards.pdf * light.probability();

@@ -4,6 +4,7 @@
 //! are colours), `textures`, `materials`, `lights`, `shapes`, `objects` (instances). This file keeps the
 //! state, the order of directives and the complaints.
 
+mod images;
 mod lights;
 mod materials;
 mod objects;
@@ -28,6 +29,7 @@ use super::parameters::Parameters;
 use super::parser::{Directive, Entity, Name, Naming, Plain, Statement, TransformOp};
 use super::suggest::did_you_mean;
 use super::transform;
+use images::Images;
 use materials::MaterialTable;
 use objects::Objects;
 use options::Options;
@@ -123,6 +125,7 @@ pub(crate) struct Builder {
     options: Options,
     materials: MaterialTable,
     textures: Textures,
+    images: Images,
     objects: Objects,
     totals: ShapeTotals,
 }
@@ -158,6 +161,7 @@ impl Builder {
             options: Options::default(),
             materials,
             textures: Textures::default(),
+            images: Images::default(),
             objects: Objects::default(),
             totals: ShapeTotals::default(),
         }

@@ -1,10 +1,11 @@
 //! Camera, film, filter, sampler and integrator: what stands before `WorldBegin`.
 
 use crate::pbrt::error::{Problem, Result, Span};
+use crate::pbrt::lexer::shorten;
 use crate::pbrt::parameters::{Parameter, ParameterType, Parameters, Values};
 use crate::pbrt::parser::Name;
 use crate::pbrt::transform::invertible;
-use crate::scene::{Camera, Film, Filter, Sampler, SamplerKind};
+use crate::scene::{Camera, CameraKind, Film, Filter, Sampler, SamplerKind, SkyMapping};
 use wavepath_kernels::queue::MAX_DEPTH;
 
 use super::{Builder, singular, unknown_kind, unsupported_kind};
@@ -38,16 +39,32 @@ impl Default for Options {
 
 impl Builder {
     pub(super) fn camera(&mut self, name: &Name, parameters: &Parameters, span: Span) -> Result<()> {
-        match name.text.as_str() {
-            "perspective" => {}
-            "orthographic" | "realistic" | "spherical" | "environment" => {
-                let problem = unsupported_kind("camera", name, &["perspective"])
+        const KNOWN: [&str; 3] = ["perspective", "orthographic", "spherical"];
+        let kind = match name.text.as_str() {
+            "perspective" => CameraKind::Perspective,
+            "orthographic" => CameraKind::Orthographic,
+            "spherical" => match parameters.string("mapping")?.unwrap_or("equalarea") {
+                "equalarea" => CameraKind::Spherical(SkyMapping::EqualArea),
+                "equirectangular" => CameraKind::Spherical(SkyMapping::LatLong),
+                other => {
+                    let found = format!("\"{}\"", shorten(other));
+                    let expected = "expected \"equalarea\" or \"equirectangular\"";
+                    return Err(parameters.bad("mapping", &found, expected));
+                }
+            },
+            "environment" => {
+                self.dialect.saw_v3(name.span)?;
+                CameraKind::Spherical(SkyMapping::LatLong)
+            }
+            "realistic" => {
+                let problem = unsupported_kind("camera", name, &KNOWN)
                     .lacking("a perspective camera at the same place");
                 self.pending.push(*problem);
                 parameters.accept_all();
+                CameraKind::Perspective
             }
-            _ => return Err(unknown_kind("camera", name, &["perspective"])),
-        }
+            _ => return Err(unknown_kind("camera", name, &KNOWN)),
+        };
         self.check_vacuum();
         let camera_from_world = self.static_ctm(span)?;
         if invertible(camera_from_world).is_none() {
@@ -61,6 +78,7 @@ impl Builder {
         }
         self.coordinate_systems.insert("camera".into(), [world_from_camera; 2]);
         self.scene.camera = Camera {
+            kind,
             world_from_camera,
             fov: self.field_of_view(parameters)?,
             screen_window: screen_window(parameters)?,
@@ -82,7 +100,7 @@ impl Builder {
             }
             self.options.shutter_seconds = close - open;
         }
-        self.check_unused(parameters, "camera \"perspective\"")
+        self.check_unused(parameters, &format!("camera \"{}\"", name.text))
     }
 
     fn field_of_view(&mut self, parameters: &Parameters) -> Result<f64> {

@@ -11,6 +11,7 @@ use crate::pbrt::parameters::{ParameterType, Parameters};
 use crate::pbrt::parser::Name;
 use crate::pbrt::ply;
 use crate::pbrt::polygon;
+use crate::pbrt::subdivision;
 use crate::pbrt::transform::{invertible, normal_matrix, swaps_handedness};
 use crate::scene::{Emission, Geometry, MaterialId, Mesh, MeshId, Opacity, Parameter, Shape};
 
@@ -18,10 +19,11 @@ use super::textures::widen;
 
 use super::{Builder, Dropped, unknown_kind, unsupported_kind};
 
-const KNOWN: [&str; 6] = ["sphere", "disk", "cylinder", "trianglemesh", "plymesh", "bilinearmesh"];
+const KNOWN: [&str; 7] =
+    ["sphere", "disk", "cylinder", "trianglemesh", "plymesh", "bilinearmesh", "loopsubdiv"];
 
-const UNSUPPORTED: [&str; 8] =
-    ["cone", "curve", "loopsubdiv", "paraboloid", "hyperboloid", "heightfield", "heightfield2", "nurbs"];
+const UNSUPPORTED: [&str; 7] =
+    ["cone", "curve", "paraboloid", "hyperboloid", "heightfield", "heightfield2", "nurbs"];
 
 /// Most triangles of a scene: their handles are 32 bits, one of which is wanted for other ends.
 const MAX_TRIANGLES: u64 = (1 << 31) - 1;
@@ -117,6 +119,7 @@ impl Builder {
             "trianglemesh" => self.triangle_mesh(parameters, span)?,
             "plymesh" => self.ply_mesh(parameters, span)?,
             "bilinearmesh" => self.bilinear_mesh(parameters, span)?,
+            "loopsubdiv" => self.loop_subdivision(parameters, span)?,
             other if UNSUPPORTED.contains(&other) => {
                 return Err(unsupported_kind("shape", kind, &KNOWN).lacking("the shape is left out"));
             }
@@ -135,6 +138,15 @@ impl Builder {
         self.check_unused(parameters, &format!("shape \"{}\"", kind.text))?;
         let transform = self.static_ctm(span)?;
         let emission = self.emission(span);
+        if emission.is_some_and(|emission| emission.image.is_some())
+            && !sources.iter().all(|source| matches!(source, Source::Mesh(mesh) if !mesh.uvs.is_empty()))
+        {
+            let problem =
+                Problem::at(span, format!("a picture on the area light \"{}\" is not supported", kind.text))
+                    .label("expected triangles or patches with texture coordinates")
+                    .lacking("the lamp is left out");
+            return Err(problem);
+        }
         for source in sources {
             let shape = PlacedShape {
                 source,
@@ -356,6 +368,9 @@ impl Builder {
         self.clean(&mut source, &place);
         // pbrt-v3 cuts quads in two.
         if bent.is_empty() || self.dialect.is_v3() {
+            if source.uvs.is_empty() && self.shines_with_picture() {
+                source.split_triangles();
+            }
             return Ok(vec![Source::Mesh(Rc::new(source))]);
         }
         let patches = self.patches(&source, &patches, span)?;
@@ -384,7 +399,10 @@ impl Builder {
         let Some(mut source) = self.vertices(parameters, span)? else {
             return Ok(Vec::new());
         };
-        let patches: Vec<[u32; 4]> = self.indices(parameters, source.positions.len(), span)?;
+        let mut patches: Vec<[u32; 4]> = self.indices(parameters, source.positions.len(), span)?;
+        if source.uvs.is_empty() && self.shines_with_picture() {
+            patches = source.split_patches(&patches);
+        }
         let flat: Vec<[u32; 4]> = patches.iter().copied().filter(|patch| source.is_flat(*patch)).collect();
         let bent: Vec<[u32; 4]> = patches.into_iter().filter(|patch| !source.is_flat(*patch)).collect();
         // Order in the file: 00, 10, 01, 11.
@@ -457,8 +475,11 @@ impl Builder {
                         false if own == DVec3::ZERO => middle.normalize_or_zero().to_array(),
                         false => own.to_array(),
                     });
-                    if !source.uvs.is_empty() {
-                        mesh.uvs.push(polygon::bilinear(patch.map(|i| source.uvs[i as usize]), u, v));
+                    match source.uvs.is_empty() {
+                        true => mesh.uvs.push([u, v]),
+                        false => {
+                            mesh.uvs.push(polygon::bilinear(patch.map(|i| source.uvs[i as usize]), u, v));
+                        }
                     }
                 }
             }
@@ -495,7 +516,47 @@ impl Builder {
         let place = parameters.find("P").map_or(Place::Span(span), |p| Place::Span(p.span));
         source.check_used(source.triangles.iter().flatten(), parameters)?;
         self.clean(&mut source, &place);
+        if source.uvs.is_empty() && self.shines_with_picture() {
+            source.split_triangles();
+        }
         Ok(vec![Source::Mesh(Rc::new(source))])
+    }
+
+    /// Loop's subdivision of a mesh of triangles. What is given beside their vertices and indices does not count, as in
+    /// pbrt.
+    fn loop_subdivision(&mut self, parameters: &Parameters, span: Span) -> Result<Vec<Source>> {
+        let Some(source) = self.vertices(parameters, span)? else {
+            return Ok(Vec::new());
+        };
+        // Version 3 calls it by both names.
+        let name = if self.dialect.is_v3() && parameters.has("nlevels") { "nlevels" } else { "levels" };
+        parameters.accept(&["levels", "scheme"]);
+        let levels = parameters.integer(name)?.unwrap_or(3);
+        let levels = u32::try_from(levels).map_err(|_| {
+            parameters.bad(name, &levels.to_string(), "expected a whole number that is not negative")
+        })?;
+        let triangles: Vec<[u32; 3]> = self.indices(parameters, source.positions.len(), span)?;
+        source.check_used(triangles.iter().flatten(), parameters)?;
+        let (most, vertices) = subdivision::size(triangles.len(), source.positions.len(), levels);
+        let fits = |size: u64| usize::try_from(size).unwrap_or(usize::MAX);
+        self.totals.check(fits(most), fits(vertices), span)?;
+        let finite = |p: &[f64; 3]| if p.iter().all(|c| c.is_finite()) { *p } else { [0.0; 3] };
+        let positions = source.positions.iter().map(|p| DVec3::from_array(finite(p))).collect();
+        let smooth = subdivision::subdivide(positions, triangles, levels);
+        let numbers = |vectors: Vec<DVec3>| vectors.into_iter().map(|v| v.to_array()).collect();
+        let mut source = SourceMesh {
+            positions: numbers(smooth.positions),
+            normals: numbers(smooth.normals),
+            uvs: Vec::new(),
+            triangles: smooth.triangles,
+        };
+        self.clean(&mut source, &Place::Span(span));
+        Ok(vec![Source::Mesh(Rc::new(source))])
+    }
+
+    /// Do the following shapes show a picture that shines?
+    fn shines_with_picture(&self) -> bool {
+        self.state.area_light.as_ref().is_some_and(|light| light.emission.image.is_some())
     }
 
     /// Vertices with their normals and texture coordinates; `None` without any.
@@ -610,6 +671,38 @@ impl Builder {
 
 impl SourceMesh {
     /// Whether a patch can be rendered as two triangles. Corners in the order 00, 10, 01, 11.
+    /// Vertices of its own for each patch, with the texture coordinates that pbrt gives to those without any; the patches
+    /// with these.
+    fn split_patches(&mut self, patches: &[[u32; 4]]) -> Vec<[u32; 4]> {
+        let mut split = SourceMesh::default();
+        for patch in patches {
+            for (&vertex, uv) in patch.iter().zip([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) {
+                split.push_vertex(self, vertex, uv);
+            }
+        }
+        *self = split;
+        (0..patches.len() as u32).map(|k| [4 * k, 4 * k + 1, 4 * k + 2, 4 * k + 3]).collect()
+    }
+
+    /// The same for triangles.
+    fn split_triangles(&mut self) {
+        let mut split = SourceMesh::default();
+        for triangle in &self.triangles {
+            let first = split.positions.len() as u32;
+            for (&vertex, uv) in triangle.iter().zip([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]) {
+                split.push_vertex(self, vertex, uv);
+            }
+            split.triangles.push([first, first + 1, first + 2]);
+        }
+        *self = split;
+    }
+
+    fn push_vertex(&mut self, from: &SourceMesh, vertex: u32, uv: [f64; 2]) {
+        self.positions.push(from.positions[vertex as usize]);
+        self.normals.extend(from.normals.get(vertex as usize));
+        self.uvs.push(uv);
+    }
+
     fn is_flat(&self, patch: [u32; 4]) -> bool {
         let [a, b, c, d] = patch.map(|index| DVec3::from_array(self.positions[index as usize]));
         polygon::is_plane_and_convex([a, b, d, c])

@@ -1,10 +1,14 @@
 //! The light table: kinds, rows, the choice among lights.
 
+use super::alias::Alias;
+use super::environment_map::{EnvironmentMap, sample_maps};
+use super::picture::LightPicture;
 use super::{
-    COMMON, Common, HIDDEN, HIDDEN_TWO_SIDED, LONGEST, Light, LightKind, LightRow, PROBABILITY, TWO_SIDED,
-    kind,
+    COMMON, Common, EnvironmentRow, FlatPictureRow, HIDDEN, HIDDEN_TWO_SIDED, LONGEST, Light, LightKind,
+    LightRow, LightSample, PROBABILITY, PicturePointRow, TWO_SIDED, kind,
 };
 use crate::lanes::{Real, Uint};
+use crate::math::Vec3;
 use crate::scene::error::{BuildError, finite, not_negative};
 use crate::scene::rows::Row;
 
@@ -26,6 +30,8 @@ pub struct Emitter {
 pub struct LightList {
     lights: Vec<(Emitter, Light)>,
     hidden: Vec<u32>,
+    maps: Vec<EnvironmentMap>,
+    pictures: Vec<LightPicture>,
 }
 
 impl LightList {
@@ -42,6 +48,23 @@ impl LightList {
     pub fn hide(&mut self, light: u32) {
         assert!((light as usize) < self.lights.len(), "no such light");
         self.hidden.push(light);
+    }
+    /// Adds a picture of the sky as a light and returns its number; `power` is what it counts for when lights are
+    /// chosen.
+    pub fn push_map(&mut self, map: EnvironmentMap, power: f64) -> u32 {
+        let number = self.maps.len() as f32;
+        self.maps.push(map);
+        let emitter = Emitter { radiance: [1.0; 3], power, ..Emitter::default() };
+        self.push(emitter, Light::Environment(EnvironmentRow { number }))
+    }
+    /// Adds a picture that lights refer to by its number, which is returned.
+    pub fn push_picture(&mut self, picture: LightPicture) -> u32 {
+        self.pictures.push(picture);
+        self.pictures.len() as u32 - 1
+    }
+    /// A picture.
+    pub fn picture(&self, number: u32) -> Option<&LightPicture> {
+        self.pictures.get(number as usize)
     }
     /// How many lights.
     pub fn len(&self) -> usize {
@@ -72,6 +95,10 @@ pub struct LightTable {
     alias_other: Vec<u32>,
     /// Union of all kinds.
     kinds_present: u32,
+    /// Pictures of the sky, each of them a light.
+    maps: Vec<EnvironmentMap>,
+    /// Pictures of other lights.
+    pictures: Vec<LightPicture>,
 }
 
 impl LightTable {
@@ -97,6 +124,7 @@ impl LightTable {
             ..LightTable::default()
         };
         let mut powers = Vec::with_capacity(n);
+        let mut lights_of_maps = vec![None; list.maps.len()];
         for (id, ((emitter, light), row)) in
             list.lights.iter().zip(table.rows.chunks_exact_mut(stride)).enumerate()
         {
@@ -114,12 +142,31 @@ impl LightTable {
             table.kinds_present |= kind;
             table.materials.push(emitter.material);
             powers.push(emitter.power);
+            if let Light::PicturePoint(PicturePointRow { number, .. })
+            | Light::PictureTriangle(FlatPictureRow { number, .. }) = light
+            {
+                let (found, exist) = (*number as usize, list.pictures.len());
+                if found >= exist {
+                    return Err(BuildError::Missing { of: "light", id, what: "picture", found, exist });
+                }
+            }
+            if let Light::Environment(EnvironmentRow { number }) = light {
+                let exist = lights_of_maps.len();
+                let place = lights_of_maps.get_mut(*number as usize).filter(|place| place.is_none());
+                let (what, found) = ("an environment map of its own", *number as usize);
+                *place.ok_or(BuildError::Missing { of: "light", id, what, found, exist })? = Some(id);
+            }
         }
         for &light in &list.hidden {
             let two_sided = &mut table.rows[light as usize * stride + TWO_SIDED];
             *two_sided = if *two_sided > 0.0 { HIDDEN_TWO_SIDED } else { HIDDEN };
         }
         table.choose_by_power(&powers);
+        (table.maps, table.pictures) = (list.maps, list.pictures);
+        let rows: Vec<f32> = table.rows().map(|row| row[PROBABILITY]).collect();
+        for (map, light) in table.maps.iter_mut().zip(lights_of_maps) {
+            map.probability = light.map_or(0.0, |light| rows[light]);
+        }
         Ok(table)
     }
 
@@ -154,6 +201,26 @@ impl LightTable {
             + size_of_val(&self.materials[..])
             + size_of_val(&self.alias_keep[..])
             + size_of_val(&self.alias_other[..])
+            + self.maps.iter().map(EnvironmentMap::bytes).sum::<usize>()
+            + self.pictures.iter().map(|picture| picture.picture.bytes()).sum::<usize>()
+    }
+    /// Pictures of the sky.
+    #[inline(always)]
+    pub fn maps(&self) -> &[EnvironmentMap] {
+        &self.maps
+    }
+    /// Samples the picture of the sky that the light of each lane is, in the lanes that have one: takes over these lanes
+    /// of `out`. 32 random bits, and `u` uniform in the unit square.
+    #[inline(always)]
+    pub fn sample_map<F: Real>(
+        &self,
+        light: &LightRow<F>,
+        origin: Vec3<F>,
+        bits: F::Uint,
+        u: [F; 2],
+        out: &mut LightSample<F>,
+    ) {
+        sample_maps(&self.maps, light, origin, bits, u, out);
     }
     /// The row of the material of the surface of a light; 0 for lights without one.
     ///
@@ -170,7 +237,7 @@ impl LightTable {
     #[inline(always)]
     pub unsafe fn row<F: Real>(&self, id: F::Uint) -> LightRow<'_, F> {
         // SAFETY: the caller's promise; all columns are of one length, rows `stride` times that and [`LONGEST`].
-        unsafe { LightRow::new(&self.kinds, &self.rows, self.stride as u32, id) }
+        unsafe { LightRow::new(&self.kinds, &self.rows, &self.pictures, self.stride as u32, id) }
     }
 
     /// The row of the material of the surface of light `id`.
@@ -216,42 +283,11 @@ impl LightTable {
         if share.iter().sum::<f64>() <= 0.0 {
             share = (0..n).map(|i| sampled(i) as u8 as f64).collect();
         }
-        let total: f64 = share.iter().sum();
-        self.alias_keep = vec![u32::MAX; n];
-        self.alias_other = (0..n as u32).collect();
-        if total <= 0.0 {
+        let dark = share.iter().all(|&s| s == 0.0);
+        let Alias { keep, other, chances } = Alias::new(share);
+        (self.alias_keep, self.alias_other) = (keep, other);
+        if dark {
             return;
-        }
-        let dark: Vec<bool> = share.iter().map(|&s| s == 0.0).collect();
-        let largest = (0..n).max_by(|&a, &b| share[a].total_cmp(&share[b])).unwrap_or(0);
-        share.iter_mut().for_each(|s| *s *= n as f64 / total);
-        let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| share[i] < 1.0);
-        while let (Some(&s), Some(&l)) = (small.last(), large.last()) {
-            small.pop();
-            // A threshold of n is met by one random number at least.
-            let threshold = (share[s] * 4_294_967_296.0) as u32;
-            self.alias_keep[s] = if dark[s] { 0 } else { threshold.max(n as u32) };
-            self.alias_other[s] = l as u32;
-            share[l] -= 1.0 - share[s];
-            if share[l] < 1.0 {
-                large.pop();
-                small.push(l);
-            }
-        }
-        // What is left is 1 but for rounding; a light of probability 0 must still never be taken.
-        for i in small.into_iter().filter(|&i| dark[i]) {
-            self.alias_keep[i] = 0;
-            self.alias_other[i] = largest as u32;
-        }
-        // Entry i serves the random numbers from ceil(2^32 i / n), the own light those below the threshold.
-        let mut chances = vec![0u64; n];
-        for i in 0..n {
-            let at = |offset: u64| (((i as u64) << 32) + offset).div_ceil(n as u64);
-            let (begin, end) = (at(0), at(1 << 32));
-            let other = self.alias_other[i] as usize;
-            let split = if other == i { end } else { at(self.alias_keep[i] as u64) };
-            chances[i] += split - begin;
-            chances[other] += end - split;
         }
         for (row, chances) in self.rows.chunks_exact_mut(self.stride.max(1)).zip(chances) {
             row[PROBABILITY] = (chances as f64 / 4_294_967_296.0) as f32;
