@@ -4,8 +4,10 @@ mod build;
 mod check;
 mod description;
 mod opened;
+mod pose;
 
 pub use build::{BuildError, SphericalLights, build, release_meshes, set_resolution};
 pub use description::*;
 pub use opened::{Scene, SceneError, SceneOptions};
+pub use pose::Pose;
 pub use wavepath_engine::SamplerKind;
