@@ -18,8 +18,10 @@ out=$(realpath "$out")
 # A film appears when it is whole: a part whose film is there is done. The checkpoint is there for who runs a part again.
 options=
 for word in "$@"; do options+=" $(printf %q "$word")"; done
-program=$(printf %q "${WAVEPATH:-wavepath}") scene=$(printf %q "$scene") out=$(printf %q "$out")
-part="film=$out/part-{}.film checkpoint=$out/checkpoint-{}.film new=$out/new-{}.film; [ -e \$film ] || {
-    $program render $scene$options --quiet --part {}/$parts --checkpoint \$checkpoint --checkpoint-until-done --resume-if-there -o \$new &&
-        mv \$new \$film; }"
+program=$(printf %q "${WAVEPATH:-wavepath}") scene=$(printf %q "$scene") folder=$(printf %q "$out")
+part="film=$folder/part-{}.film checkpoint=$folder/checkpoint-{}.film new=$folder/new-{}.film
+[ -e \"\$film\" ] || {
+    $program render $scene$options --quiet --part {}/$parts --checkpoint \"\$checkpoint\" --checkpoint-until-done \\
+        --resume-if-there -o \"\$new\" && mv \"\$new\" \"\$film\"
+}"
 seq 1 "$parts" | parallel --sshloginfile "$hosts" --retries 3 --halt never --joblog "$out/joblog" "$part"

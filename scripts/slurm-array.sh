@@ -11,6 +11,11 @@
 #SBATCH --open-mode=append
 #SBATCH --signal=B:USR1@120
 set -uo pipefail
+# Signals go to this shell (B: above), which waits for the render in the background and hands them on.
+render=
+hand_on() { [ -z "$render" ] || kill "-$1" "$render"; }
+trap 'hand_on USR1' USR1
+trap 'hand_on TERM' TERM
 if [ $# -lt 2 ]; then
     echo "usage: sbatch --array=1-N $0 SCENE FOLDER [OPTIONS OF RENDER]" >&2
     exit 2
@@ -24,19 +29,19 @@ if [ -e "$film" ]; then
     echo "$film is there"
     exit 0
 fi
-# Signals go to this shell (B: above), which waits for the render in the background and hands them on.
 "${WAVEPATH:-wavepath}" render "$scene" "$@" --threads "${SLURM_CPUS_PER_TASK:-$(nproc)}" --part "$part/$parts" \
     --checkpoint "$out/checkpoint-$part.film" --checkpoint-until-done --resume-if-there -o "$new" &
 render=$!
-trap 'kill -USR1 $render' USR1
-trap 'kill -TERM $render' TERM
 wait $render
 status=$?
-# A signal ends `wait`, and not the render.
+# A signal ends `wait`, and not the render: its own status is what a last one says, if there was one.
 while kill -0 $render 2>/dev/null; do
     wait $render
     status=$?
 done
+wait $render 2>/dev/null
+last=$?
+[ $last -eq 127 ] || status=$last
 if [ $status -gt 128 ]; then
     rm -f "$new"
     echo "interrupted with status $status: back into the queue"
