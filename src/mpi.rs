@@ -48,8 +48,8 @@ const STOP: u32 = 2;
 /// A film goes in pieces of so many bytes: lengths are 32 bits in MPI.
 const PIECE: usize = 1 << 28;
 
-/// Longest time between two looks for a message.
-const PATIENCE: Duration = Duration::from_micros(500);
+/// Longest time between two looks for a message: a small part of a stock. Looking more often costs time of the workers.
+const PATIENCE: Duration = Duration::from_millis(2);
 
 /// Most units of a message.
 const MOST_UNITS: u64 = 1 << 16;
