@@ -16,6 +16,7 @@
 //! | [`tev`] | shows a render in a viewer while it goes on |
 //! | [`meshes`] | makes meshes by procedure |
 //! | [`memory`] | how much there is, and an orderly end where it runs out |
+//! | `mpi` | a render by several processes, behind the feature of that name |
 //! | `cli` | the command, behind the feature of that name |
 //!
 //! The engines, their film and their plan are the crate `wavepath-engine`; queues, kernels and physics are the crate
@@ -37,6 +38,8 @@ pub mod interrupt;
 pub mod machine;
 pub mod memory;
 pub mod meshes;
+#[cfg(feature = "mpi")]
+pub mod mpi;
 pub mod pbrt;
 pub mod picture;
 #[cfg(feature = "cli")]

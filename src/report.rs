@@ -15,6 +15,12 @@ use crate::atomic_file::write_whole;
 pub struct Report {
     /// Path of the scene file, as given.
     pub scene: String,
+    /// What was set in place of what the scene says, by name; an object in JSON, not written if it is empty.
+    #[serde(default, skip_serializing_if = "Vec::is_empty", with = "ordered_map")]
+    pub set: Vec<(String, String)>,
+    /// Every file that was read: the scene, what it includes, meshes, spectra; none in reports of earlier versions.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub inputs: Vec<String>,
     /// `wavefront`, `megakernel` or `megakernel-wide`.
     pub engine: String,
     /// Pixels per row.
@@ -55,6 +61,13 @@ pub struct Report {
     pub threads: usize,
     /// Paths in the pool of a worker; none for the megakernels.
     pub batch: Option<usize>,
+    /// The processes that rendered, where there were several; the figures above are of all of them, but for memory, threads
+    /// and what follows here, which are of rank 0.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ranks: Vec<Rank>,
+    /// How much less time it would have taken if all ranks had been busy alike, from 0 to 1: 1 - mean / largest of `busy`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub imbalance: Option<f64>,
     /// Name of the processor.
     pub cpu: String,
     /// Instruction set that the kernels ran with.
@@ -65,6 +78,25 @@ pub struct Report {
     pub seed: u64,
     /// Version of wavepath.
     pub version: String,
+}
+
+/// A process of a render by several of them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Rank {
+    /// Its number.
+    pub rank: usize,
+    /// Where it ran.
+    pub host: String,
+    /// Worker threads.
+    pub threads: usize,
+    /// Pixel samples taken.
+    pub samples: u64,
+    /// Seconds of wall clock in which its workers rendered.
+    pub busy_seconds: f64,
+    /// Pixel samples a second of these.
+    pub samples_per_second: f64,
+    /// Share of the rendering time in which its workers rendered.
+    pub busy: f64,
 }
 
 /// What adaptive sampling came to.
@@ -119,6 +151,14 @@ impl Report {
     /// Millions of rays of all classes per second of rendering; 0 if no time was spent.
     pub fn mrays_per_second(&self) -> f64 {
         self.per_second(self.rays.total()) / 1e6
+    }
+
+    /// Adds what ranks did.
+    pub fn set_ranks(&mut self, ranks: Vec<Rank>) {
+        let most = ranks.iter().map(|rank| rank.busy).fold(0.0, f64::max);
+        let mean = ranks.iter().map(|rank| rank.busy).sum::<f64>() / ranks.len().max(1) as f64;
+        self.imbalance = (most > 0.0).then(|| 1.0 - mean / most);
+        self.ranks = ranks;
     }
 
     /// Each stage's share of the time in all stages, from 0 to 1, in their order.
@@ -198,6 +238,18 @@ impl fmt::Display for Report {
         if let Some(adaptive) = self.adaptive {
             row(f, "adaptive", adaptive)?;
         }
+        for (index, rank) in self.ranks.iter().enumerate() {
+            let Rank { rank, host, threads, samples_per_second, busy, .. } = rank;
+            let rates = format_args!(
+                "{rank} on {host}, threads: {threads}, {} samples a second, busy {:.1} %",
+                count(*samples_per_second as u64),
+                100.0 * busy
+            );
+            row(f, if index == 0 { "ranks" } else { "" }, rates)?;
+        }
+        if let Some(imbalance) = self.imbalance {
+            row(f, "imbalance", format_args!("{:.1} %", 100.0 * imbalance))?;
+        }
         row(f, "invalid samples", self.invalid_samples)?;
         let memory = self.peak_memory_bytes.map_or("unknown".into(), mebibytes);
         write!(f, "{:<16}  {memory} at most", "memory")
@@ -254,24 +306,30 @@ fn integral_if_whole<S: serde::Serializer>(value: &f64, serializer: S) -> Result
     }
 }
 
-/// A list of names and numbers as a JSON object that keeps their order.
+/// A list of names and values as a JSON object that keeps their order.
 mod ordered_map {
     use std::fmt;
+    use std::marker::PhantomData;
 
     use serde::de::{MapAccess, Visitor};
-    use serde::{Deserializer, Serializer};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    pub fn serialize<S: Serializer>(entries: &[(String, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+    pub fn serialize<T: Serialize, S: Serializer>(
+        entries: &[(String, T)],
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         serializer.collect_map(entries.iter().map(|(name, value)| (name, value)))
     }
 
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<(String, f64)>, D::Error> {
-        struct Entries;
-        impl<'de> Visitor<'de> for Entries {
-            type Value = Vec<(String, f64)>;
+    pub fn deserialize<'de, T: Deserialize<'de>, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Vec<(String, T)>, D::Error> {
+        struct Entries<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for Entries<T> {
+            type Value = Vec<(String, T)>;
 
             fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("an object of numbers")
+                f.write_str("an object")
             }
 
             fn visit_map<M: MapAccess<'de>>(self, mut map: M) -> Result<Self::Value, M::Error> {
@@ -282,7 +340,7 @@ mod ordered_map {
                 Ok(entries)
             }
         }
-        deserializer.deserialize_map(Entries)
+        deserializer.deserialize_map(Entries(PhantomData))
     }
 }
 
@@ -294,6 +352,10 @@ mod tests {
     fn example() -> Report {
         Report {
             scene: "scenes/cornell.pbrt".into(),
+            set: Vec::new(),
+            inputs: Vec::new(),
+            ranks: Vec::new(),
+            imbalance: None,
             engine: "wavefront".into(),
             width: 640,
             height: 480,

@@ -7,6 +7,7 @@
 //! process had the processor; only the comparison of thread counts is by wall clock.
 
 mod clock;
+pub mod scale;
 mod subject;
 mod table;
 

@@ -11,6 +11,7 @@ use super::parse;
 use super::part_args::PartArgs;
 use crate::converge::external::ExternalSpec;
 use crate::engine::{EngineKind, SamplerKind};
+use crate::pbrt::Override;
 use crate::picture::{Compression, Encoding, Tonemap};
 use crate::scene::SphericalLights;
 use wavepath_kernels::channels::ChannelSet;
@@ -133,6 +134,11 @@ pub struct RenderArgs {
 /// Size and part of the image.
 #[derive(Debug, Clone, Default, PartialEq, Args)]
 pub struct FrameArgs {
+    /// Set a parameter of the scene over what the file says, such as camera.fov=30, camera.orbit=45,
+    /// material.NAME.roughness=0.1 or light.0.scale=2; may be given more than once; `plan --names` lists what there is
+    #[arg(long, value_name = "NAME=VALUE", help_heading = WHAT)]
+    pub set: Vec<Override>,
+
     /// Size of the full image in pixels [default: the scene's]
     #[arg(long, value_name = "WxH", value_parser = parse::resolution, help_heading = WHAT)]
     pub resolution: Option<Resolution>,
@@ -301,6 +307,10 @@ pub struct PlanArgs {
     #[arg(long, value_name = "N", value_parser = parse::batch, allow_hyphen_values = true, help_heading = SPEED)]
     pub batch: Option<usize>,
 
+    /// Print names and values of everything that --set can change, and nothing else
+    #[arg(long, help_heading = REPORTS)]
+    pub names: bool,
+
     /// Print one JSON object instead of a table
     #[arg(long, help_heading = REPORTS)]
     pub json: bool,
@@ -329,6 +339,18 @@ pub struct BenchArgs {
     /// Render what can be rendered: what wavepath lacks is replaced or left out, with a warning for each
     #[arg(long, help_heading = WHAT)]
     pub lenient: bool,
+
+    /// Instead: what one scene would take on 1 to 10,000 nodes like this one, by a model whose figures are measured here
+    #[arg(long)]
+    pub scale: bool,
+
+    /// With --scale: samples per pixel that are asked about [default: the scene's]
+    #[arg(long, value_name = "N", value_parser = parse::spp, allow_hyphen_values = true, requires = "scale")]
+    pub spp: Option<u32>,
+
+    /// With --scale: bytes a second of the network
+    #[arg(long, value_name = "SIZE", value_parser = parse::memory, default_value = "1192M", requires = "scale")]
+    pub network: u64,
 
     /// Print JSON instead of a table
     #[arg(long)]
@@ -367,6 +389,10 @@ pub struct ConvergeArgs {
     /// Scene to render, in pbrt's format
     #[arg(value_name = "SCENE.pbrt")]
     pub scene: PathBuf,
+
+    /// As for render: set a parameter of the scene
+    #[arg(long, value_name = "NAME=VALUE")]
+    pub set: Vec<Override>,
 
     /// Folder for the results; it is made if it is missing
     #[arg(short, long, value_name = "DIR")]
@@ -535,12 +561,60 @@ pub struct StabilityArgs {
     pub quiet: bool,
 }
 
+/// Arguments of `wavepath batch`.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct BatchArgs {
+    /// A queue; or scenes, folders of scenes and patterns such as 'shots/*.pbrt'
+    #[arg(value_name = "JOBS.toml|SCENE|FOLDER", required = true)]
+    pub what: Vec<PathBuf>,
+
+    /// Name of the picture of each scene, by pattern: {scene} is its name, #### its number [default: {scene}.exr]
+    #[arg(short, long, value_name = "PATTERN")]
+    pub output: Option<String>,
+
+    /// Jobs at once, each with its share of the processors
+    #[arg(long, value_name = "N", default_value = "1", value_parser = parse::threads, allow_hyphen_values = true)]
+    pub jobs: usize,
+
+    /// Memory for all jobs at once, such as 8G: as their plans say [default: nine tenths of what is free]
+    #[arg(long, value_name = "SIZE", value_parser = parse::memory)]
+    pub memory: Option<u64>,
+
+    /// Do what is done, too
+    #[arg(long)]
+    pub again: bool,
+
+    /// Print what there is to do, and do nothing
+    #[arg(long)]
+    pub dry_run: bool,
+
+    /// Where it is kept what is done [default: JOBS.batch beside JOBS.toml; of scenes, wavepath.batch here]
+    #[arg(long, value_name = "DIR")]
+    pub state: Option<PathBuf>,
+
+    /// Print the summary as JSON
+    #[arg(long)]
+    pub json: bool,
+
+    /// Print errors only
+    #[arg(short, long)]
+    pub quiet: bool,
+
+    /// Options of render, for all jobs
+    #[arg(last = true, value_name = "OPTIONS")]
+    pub options: Vec<String>,
+}
+
 /// Arguments of `wavepath check`.
 #[derive(Debug, Clone, PartialEq, Eq, Args)]
 pub struct CheckArgs {
     /// Scene to check, in pbrt's format
     #[arg(value_name = "SCENE.pbrt")]
     pub scene: PathBuf,
+
+    /// As for render: set a parameter of the scene
+    #[arg(long, value_name = "NAME=VALUE")]
+    pub set: Vec<Override>,
 
     /// Print one JSON object instead of text
     #[arg(long)]
@@ -684,7 +758,7 @@ mod tests {
             "a.pbrt -o b.exr --spp 16 --time 1.5m --error 0.01 --adaptive --layers --aov depth,all --tev localhost:14158 --engine megakernel --sampler independent \
              --threads 3 --seed 9 --batch 4096 --resolution 640x480 --exposure -1.5 \
              --spherical-lights area --traversal mixed --report c.json -q -o b.png --half --tonemap agx --bits 16 \
-             --compression piz --exr-tiles 64 --no-clobber --crop 0,0.5,0,1 --lenient",
+             --compression piz --exr-tiles 64 --no-clobber --crop 0,0.5,0,1 --lenient --set camera.fov=30",
         )
         .unwrap();
         let expected = RenderArgs {
@@ -694,6 +768,7 @@ mod tests {
             frame: FrameArgs {
                 resolution: Some(Resolution { width: 640, height: 480 }),
                 crop: Some(Crop::Fractions([0.0, 0.5, 0.0, 1.0])),
+                set: vec![Override::new("camera.fov", "30")],
                 ..FrameArgs::default()
             },
             model: ModelArgs::default(),

@@ -1,10 +1,11 @@
 //! `wavepath bench`: engines against each other, and what each part of them brings.
 
-use super::args::BenchArgs;
+use super::args::{BenchArgs, FrameArgs};
 use super::{Failure, open, output};
 use crate::bench::{self, Effort, Figures, Subject};
 use crate::machine;
-use crate::scene::{self, Scene};
+use crate::pbrt::LoadOptions;
+use crate::scene::{self, Scene, SceneOptions};
 use std::path::{Path, PathBuf};
 use wavepath_kernels::isa::Level;
 
@@ -16,6 +17,9 @@ const PIXELS: f64 = 65_536.0;
 
 /// Measures.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
+    if args.scale {
+        return scale(args);
+    }
     let scenes = if args.scenes.is_empty() { shipped()? } else { args.scenes.clone() };
     let most = machine::threads();
     let effort = Effort { rounds: args.rounds, each: args.each, threads: args.threads.unwrap_or(most) };
@@ -27,8 +31,9 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         version: env!("CARGO_PKG_VERSION"),
         scenes: Vec::new(),
     };
+    let options = LoadOptions { lenient: args.lenient, ..LoadOptions::default() };
     // All scenes are read before the first is measured, so that a wrong one is told at once.
-    let read = |path: &PathBuf| open::load(path, args.lenient, args.json);
+    let read = |path: &PathBuf| open::load(path, &options, args.json);
     let loaded = scenes.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     for (path, loaded) in scenes.iter().zip(loaded) {
         let mut description = loaded.scene;
@@ -63,4 +68,22 @@ fn shipped() -> Result<Vec<PathBuf>, Failure> {
         )));
     }
     Ok(scenes)
+}
+
+/// What a scene would take on many nodes.
+fn scale(args: &BenchArgs) -> Result<(), Failure> {
+    let [path] = args.scenes.as_slice() else {
+        return Err(Failure::Usage("--scale is of one scene: expected SCENE.pbrt".into()));
+    };
+    let options = SceneOptions { lenient: args.lenient, ..SceneOptions::default() };
+    let scene = open::open(path, &options, &FrameArgs::default(), args.json)?;
+    let spp = args.spp.unwrap_or(scene.description().sampler.pixel_samples);
+    let threads = args.threads.unwrap_or_else(machine::threads);
+    let inputs = bench::scale::measure(&scene, spp, threads, args.each * args.rounds as u32)?;
+    let scaling = bench::scale::Scaling::of(inputs, args.network as f64);
+    if args.json {
+        output::say(serde_json::to_string_pretty(&scaling).expect("numbers and names"))
+    } else {
+        output::say(scaling)
+    }
 }

@@ -16,7 +16,8 @@ use crate::scene::SceneOptions;
 /// Measures, prints the table and writes the folder.
 pub(super) fn run(args: &ConvergeArgs) -> Result<(), Failure> {
     let frame = FrameArgs { resolution: args.resolution, ..FrameArgs::default() };
-    let scene = open(&args.scene, &SceneOptions::default(), &frame, args.quiet)?;
+    let options = SceneOptions { set: args.set.clone(), ..SceneOptions::default() };
+    let scene = open(&args.scene, &options, &frame, args.quiet)?;
     let like = Frame::of(scene.description());
     let reference = match &args.reference {
         Some(path) => Some((path.clone(), read(path, &like)?)),

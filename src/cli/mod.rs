@@ -8,6 +8,7 @@
 //! | 128 + n | signal n ended a render, which has written what was done |
 
 pub mod args;
+mod batch;
 mod bench;
 mod check;
 mod compare;
@@ -23,6 +24,7 @@ pub mod output;
 mod parse;
 pub mod part_args;
 mod plan;
+mod ranks;
 mod render;
 mod stability;
 
@@ -162,6 +164,16 @@ Examples:
   wavepath converge scene.pbrt --reference ref.exr --engines wavefront -o out
   wavepath converge scene.pbrt --external pbrt:90s:p.exr --reference r.exr -o d")]
     Converge(args::ConvergeArgs),
+    /// Render many scenes, frames or settings: a queue, of which what is done is not done again
+    #[command(after_help = "\
+Examples:
+  wavepath batch jobs.toml
+      all jobs of a queue; once more, only what has changed
+  wavepath batch jobs.toml --dry-run
+      what there is to do, as commands
+  wavepath batch scenes/ -o 'out/{scene}.exr' -- --spp 64
+      all scenes of a folder")]
+    Batch(args::BatchArgs),
     /// Look for what in a scene is numerically dangerous, or probably a mistake
     #[command(after_help = "\
 Examples:
@@ -185,7 +197,7 @@ impl Cli {
     /// [`Failure`], which knows its exit status.
     pub fn run(&self) -> Result<(), Failure> {
         match &self.command {
-            Command::Render(args) => render::run(args),
+            Command::Render(args) => ranks::run(args),
             Command::Merge(args) => films::merge(args),
             Command::Info(args) => films::info(args),
             Command::Split(args) => films::split(args),
@@ -204,6 +216,7 @@ impl Cli {
             Command::Bench(args) => bench::run(args),
             Command::Compare(args) => compare::run(args),
             Command::Converge(args) => converge::run(args),
+            Command::Batch(args) => batch::run(args),
             Command::Check(args) => check::run(args),
             Command::Stability(args) => stability::run(args),
         }

@@ -13,7 +13,7 @@ use super::Failure;
 use super::args::{ModelArgs, ModelMaterial};
 use super::output;
 use crate::atomic_file::{is_standard_output, write_whole};
-use crate::pbrt::{self, Loaded};
+use crate::pbrt::{self, LoadOptions, Loaded, Override};
 
 /// Full angle of view of the shorter axis, in degrees: about a normal lens.
 const FIELD_OF_VIEW: f64 = 35.0;
@@ -45,6 +45,7 @@ pub(super) fn load(
     paths: &[PathBuf],
     args: &ModelArgs,
     resolution: Option<[u32; 2]>,
+    set: &[Override],
     voice: &output::Voice,
 ) -> Result<Loaded, Failure> {
     let input = |error: pbrt::Error| Failure::Input(error.to_string());
@@ -62,9 +63,9 @@ pub(super) fn load(
     // All of it is described by the text from here on.
     drop(alone);
     let [width, height] = resolution.unwrap_or(RESOLUTION);
-    let set =
+    let around =
         Set { bounds, up: DVec3::from(args.up.unwrap_or([0.0, 1.0, 0.0])), resolution: [width, height] };
-    let text = set.text(args.material.unwrap_or_default(), &meshes);
+    let text = around.text(args.material.unwrap_or_default(), &meshes);
     if let Some(file) = &args.write_scene {
         // File names in a scene are relative to the scene.
         let mut lines = String::new();
@@ -73,7 +74,7 @@ pub(super) fn load(
             let absolute = if is_here { None } else { std::fs::canonicalize(path).ok() };
             mesh_line(&mut lines, absolute.as_deref().unwrap_or(path))?;
         }
-        let text = set.text(args.material.unwrap_or_default(), &lines);
+        let text = around.text(args.material.unwrap_or_default(), &lines);
         write_whole::<std::io::Error>(file, |out| out.write_all(text.as_bytes()))
             .map_err(|error| Failure::Work(format!("cannot write scene \"{}\": {error}", file.display())))?;
         if !is_standard_output(file) {
@@ -82,7 +83,8 @@ pub(super) fn load(
     } else {
         voice.tell(format_args!("# The scene around the mesh; --write-scene FILE.pbrt keeps it.\n{text}"))?;
     }
-    pbrt::load_str(&text, "the scene around the mesh", here).map_err(input)
+    let options = LoadOptions { set: set.to_vec(), ..LoadOptions::default() };
+    pbrt::load_text(text.as_bytes(), "the scene around the mesh", here, &options).map_err(input)
 }
 
 /// Appends the shape of a mesh file.
@@ -256,9 +258,9 @@ mod tests {
             for resolution in [[960, 720], [300, 900]] {
                 let up = DVec3::from(super::super::parse::axis(up).unwrap());
                 let bounds = [DVec3::new(-3.0, 10.0, 1.0), DVec3::new(5.0, 11.0, 1.5)];
-                let set = Set { bounds, up, resolution };
+                let around = Set { bounds, up, resolution };
                 let scene =
-                    pbrt::load_str(&set.text(ModelMaterial::Neutral, ""), "test", Path::new("")).unwrap();
+                    pbrt::load_str(&around.text(ModelMaterial::Neutral, ""), "test", Path::new("")).unwrap();
                 let camera = scene.scene.camera;
                 let [width, height] = resolution.map(f64::from);
                 let (across, high) = ((width / height).max(1.0), (height / width).max(1.0));
@@ -299,20 +301,20 @@ mod tests {
     /// Seen from the front, +x of a mesh with y up is to the right.
     #[test]
     fn nothing_is_mirrored() {
-        let set =
+        let around =
             Set { bounds: [DVec3::splat(-1.0), DVec3::splat(1.0)], up: DVec3::Y, resolution: [100, 100] };
-        let scene = pbrt::load_str(&set.text(ModelMaterial::Neutral, ""), "test", Path::new("")).unwrap();
+        let scene = pbrt::load_str(&around.text(ModelMaterial::Neutral, ""), "test", Path::new("")).unwrap();
         let inverse = scene.scene.camera.world_from_camera.inverse();
         assert!(inverse.transform_vector3(DVec3::X).x > 0.5);
     }
 
     #[test]
     fn every_material_is_read() {
-        let set =
+        let around =
             Set { bounds: [DVec3::splat(-1.0), DVec3::splat(1.0)], up: DVec3::Z, resolution: [100, 100] };
         use clap::ValueEnum;
         for material in ModelMaterial::value_variants() {
-            let text = set.text(*material, "Shape \"sphere\"\n");
+            let text = around.text(*material, "Shape \"sphere\"\n");
             let loaded = pbrt::load_str(&text, "test", Path::new("")).unwrap();
             assert!(loaded.warnings.is_empty(), "{material}: {:?}", loaded.warnings);
         }

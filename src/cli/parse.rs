@@ -160,6 +160,24 @@ pub fn threads(text: &str) -> Result<usize, String> {
     count(text, 1..=4096).map(|threads| threads as usize)
 }
 
+/// Bytes: `8G`, `512M`, or a plain number of them.
+pub fn memory(text: &str) -> Result<u64, String> {
+    let expected = || format!("found \"{text}\"; expected a size such as 8G or 512M");
+    let digits = text.trim_end_matches(|c: char| !c.is_ascii_digit());
+    let shift =
+        match text[digits.len()..].trim().to_ascii_lowercase().trim_end_matches("ib").trim_end_matches('b') {
+            "" => 0,
+            "k" => 10,
+            "m" => 20,
+            "g" => 30,
+            "t" => 40,
+            _ => return Err(expected()),
+        };
+    let number: f64 = digits.parse().map_err(|_| expected())?;
+    let bytes = number * f64::from(shift).exp2();
+    if bytes >= 1.0 && bytes < 2f64.powi(63) { Ok(bytes as u64) } else { Err(expected()) }
+}
+
 /// Rounds of a benchmark.
 pub fn rounds(text: &str) -> Result<usize, String> {
     count(text, 1..=1000).map(|rounds| rounds as usize)
@@ -289,6 +307,16 @@ mod tests {
         for wrong in ["", "localhost", ":80", "localhost:", "localhost:0", "localhost:65536", "a:b"] {
             let message = format!("found \"{wrong}\"; expected HOST:PORT, such as localhost:14158");
             assert_eq!(host_and_port(wrong), Err(message));
+        }
+    }
+
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!(memory("8G"), Ok(8 << 30));
+        assert_eq!(memory("1.5 MiB"), Ok(3 << 19));
+        assert_eq!(memory("4096"), Ok(4096));
+        for wrong in ["", "G", "-1G", "0", "8X", "1e30"] {
+            assert!(memory(wrong).unwrap_err().contains("such as 8G"), "{wrong}");
         }
     }
 

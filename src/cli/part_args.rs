@@ -22,6 +22,10 @@ pub struct PartArgs {
           requires = "checkpoint", help_heading = LONG)]
     pub checkpoint_every: Option<Duration>,
 
+    /// Remove the checkpoint once the render is done and its pictures are written
+    #[arg(long, requires = "checkpoint", help_heading = LONG)]
+    pub checkpoint_until_done: bool,
+
     /// Go on with a film file: a checkpoint, a part, or a finished render that is to get more samples
     #[arg(long, value_name = "FILE.film", help_heading = LONG)]
     pub resume: Option<PathBuf>,

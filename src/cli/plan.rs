@@ -1,18 +1,26 @@
 //! `wavepath plan`: what a scene needs, and what is left out.
 
 use super::args::PlanArgs;
-use super::open::open;
+use super::open::{load, open};
 use super::{Failure, output};
 use crate::engine::wavefront;
 use crate::film::Film;
 use crate::machine;
 use crate::memory;
+use crate::pbrt::LoadOptions;
 use crate::scene::SceneOptions;
 
 /// Prints the plan.
 pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
-    let spherical_lights = args.spherical_lights.into();
-    let options = SceneOptions { spherical_lights, lenient: args.lenient, ..SceneOptions::default() };
+    if args.names {
+        return names(args);
+    }
+    let options = SceneOptions {
+        spherical_lights: args.spherical_lights.into(),
+        lenient: args.lenient,
+        set: args.frame.set.clone(),
+        ..SceneOptions::default()
+    };
     let scene = open(&args.scene, &options, &args.frame, args.json)?;
     let (description, plan) = (scene.description(), scene.plan());
     let film = &description.film;
@@ -42,4 +50,17 @@ pub(super) fn run(args: &PlanArgs) -> Result<(), Failure> {
          memory          {all} bytes for film, primitives and queues, and the tree beside them; {free} are free{}",
         if all > free { ": it does not fit" } else { "" }
     ))
+}
+
+/// Prints what `--set` can change.
+fn names(args: &PlanArgs) -> Result<(), Failure> {
+    let options = LoadOptions { lenient: args.lenient, set: args.frame.set.clone(), list: true };
+    let loaded = load(&args.scene, &options, args.json)?;
+    if args.json {
+        let names: serde_json::Map<_, _> =
+            loaded.names.into_iter().map(|(name, value)| (name, value.into())).collect();
+        return output::say(format_args!("{:#}", serde_json::Value::Object(names)));
+    }
+    let lines: Vec<String> = loaded.names.iter().map(|(name, value)| format!("{name}={value}")).collect();
+    output::say(lines.join("\n"))
 }

@@ -3,18 +3,19 @@
 use std::cell::RefCell;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::args::{FrameArgs, RenderArgs, Resolution};
 use super::films::{self, is_film};
 use super::output::{self, Voice};
 use super::part_args::ProgressArg;
+use super::ranks::{Dealer, World};
 use super::{Failure, model, open};
 use crate::atomic_file::is_standard_output;
 use crate::engine::session::Ended;
 use crate::film::Film;
-use crate::film_file::{Checkpoint, FilmFile};
-use crate::pbrt::Loaded;
+use crate::film_file::{Checkpoint, DEFAULT_INTERVAL, FilmFile};
+use crate::pbrt::{LoadOptions, Loaded};
 use crate::picture::{self, Image, ImageFormat};
 use crate::progress::Progress;
 use crate::render::Render;
@@ -115,7 +116,7 @@ fn named_outputs<'a>(args: &'a RenderArgs, images: &'a [PathBuf]) -> Vec<(&'stat
 fn read(args: &RenderArgs, voice: &Voice) -> Result<Loaded, Failure> {
     if args.scene.iter().all(|path| model::is_mesh(path)) {
         let resolution = args.frame.resolution.map(|r| [r.width, r.height]);
-        return model::load(&args.scene, &args.model, resolution, voice);
+        return model::load(&args.scene, &args.model, resolution, &args.frame.set, voice);
     }
     if let [scene] = args.scene.as_slice() {
         let model = &args.model;
@@ -125,7 +126,8 @@ fn read(args: &RenderArgs, voice: &Voice) -> Result<Loaded, Failure> {
                 scene.display()
             )));
         }
-        return open::load(scene, args.lenient, args.quiet);
+        let options = LoadOptions { lenient: args.lenient, set: args.frame.set.clone(), list: false };
+        return open::load(scene, &options, args.quiet);
     }
     let other = args.scene.iter().find(|path| !model::is_mesh(path)).expect("not all are meshes");
     Err(Failure::Usage(format!(
@@ -134,21 +136,34 @@ fn read(args: &RenderArgs, voice: &Voice) -> Result<Loaded, Failure> {
     )))
 }
 
-/// Renders.
-pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
-    if let Some(threads) = args.threads {
-        // What is not rendering keeps to it, too: reading, and compressing pictures. If the system does not give them,
-        // the render will say so.
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    }
-    let outputs = Outputs::of(args)?;
-    let options = SceneOptions { spherical_lights: args.spherical_lights.into(), ..SceneOptions::default() };
-    let scene = Scene::read(args.scene[0].display().to_string(), &options, || {
-        let mut loaded = read(args, &outputs.voice)?;
+/// The scene that is to be rendered.
+fn open_scene(args: &RenderArgs, voice: &Voice) -> Result<Scene, Failure> {
+    let options = SceneOptions {
+        spherical_lights: args.spherical_lights.into(),
+        set: args.frame.set.clone(),
+        ..SceneOptions::default()
+    };
+    Scene::read(args.scene[0].display().to_string(), &options, || {
+        let mut loaded = read(args, voice)?;
         set_frame(&mut loaded.scene, &args.frame)?;
         crate::check::add_severe(&mut loaded);
         Ok::<_, Failure>(loaded)
-    })?;
+    })
+}
+
+/// Renders what rank 0 of several processes gives out; it has the picture and says everything.
+#[cfg(feature = "mpi")]
+pub(super) fn help(args: &RenderArgs, world: &World) -> Result<(), Failure> {
+    // It is told to end by rank 0, which hears of signals, too.
+    let _ = crate::interrupt::flag();
+    let scene = open_scene(&RenderArgs { quiet: true, ..args.clone() }, &Voice::new(true, &[]))?;
+    Ok(crate::mpi::help(world, &choose(Render::new(&scene), args))?)
+}
+
+/// Renders, with the other processes of `world` if there are any.
+pub(super) fn run(args: &RenderArgs, world: Option<&World>) -> Result<(), Failure> {
+    let outputs = Outputs::of(args)?;
+    let scene = open_scene(args, &outputs.voice)?;
     if !args.quiet {
         for warning in scene.warnings() {
             output::note(warning);
@@ -157,9 +172,19 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let outputs = outputs.with_scene(args, scene.description(), scene.inputs())?;
     let interrupted = crate::interrupt::flag()
         .map_err(|error| Failure::Work(format!("cannot watch for signals: {error}")))?;
+    let dealer;
     let mut render = long_render(choose(Render::new(&scene), args), args)?.stop_on(interrupted.clone());
+    let mut earlier = Earlier::default();
     if let Some(file) = resumed(args)? {
+        earlier = Earlier::of(&file);
         render = render.resume(file);
+    }
+    // What the others have is in a checkpoint only if it is handed in before.
+    let every = args.long.checkpoint_every.unwrap_or(DEFAULT_INTERVAL);
+    let hand_in = args.long.checkpoint.as_ref().map(|_| every.mul_f64(0.9));
+    dealer = world.map(|world| Dealer::new(world, &render, hand_in)).transpose().map_err(Failure::Work)?;
+    if let Some(dealer) = &dealer {
+        render = render.with_helpers(dealer);
     }
     let total = render.total_samples();
     let most_spp = render.most_spp();
@@ -172,7 +197,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let mut saved = Instant::now();
     let picture = render
         .on_update(|update| {
-            let error = if progress.is_visible() { update.error() } else { None };
+            // Of several processes, each has a part of the film only.
+            let error = if progress.is_visible() && world.is_none() { update.error() } else { None };
             progress.begin_at(update.samples_before);
             progress.update(update.samples, update.rays, error);
             viewer.borrow_mut().show(update.film, false);
@@ -188,7 +214,12 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     progress.finish();
     viewer.into_inner().show(picture.film(), true);
 
-    let report = picture.report().clone();
+    let mut report = picture.report().clone();
+    if let Some(dealer) = &dealer {
+        let elapsed = Duration::try_from_secs_f64(report.seconds - earlier.seconds).unwrap_or_default();
+        let busy = report.stages.iter().map(|(_, seconds)| seconds).sum::<f64>() - earlier.busy;
+        report.set_ranks(dealer.finish(elapsed, busy, report.samples - earlier.samples));
+    }
     let ended = picture.ended();
     for path in &outputs.films {
         picture.save_film(&scene, path).map_err(|error| films::failed(path, &error))?;
@@ -196,9 +227,23 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let layers = if args.layers { picture.layers() } else { Vec::new() };
     let mut image = picture.into_image();
     image.channels.extend(layers);
+    image.metadata.report = Some(report.to_json());
     outputs.write_images(args, &image, half)?;
     if let Some(path) = &args.report {
         output::write_report(path, &report)?;
+    }
+    if let (true, Some(path)) =
+        (args.long.checkpoint_until_done && ended != Ended::Interrupt, &args.long.checkpoint)
+    {
+        match std::fs::remove_file(path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                output::note(format_args!(
+                    "warning: cannot remove checkpoint \"{}\": {error}",
+                    path.display()
+                ));
+            }
+            _ => {}
+        }
     }
     if !args.quiet
         && let (Some(error), Ended::Samples) = (args.error, ended)
@@ -217,6 +262,23 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     }
 }
 
+/// What an earlier run, which is gone on with, has in its report.
+#[derive(Default)]
+struct Earlier {
+    seconds: f64,
+    /// Of workers, added up.
+    busy: f64,
+    samples: u64,
+}
+
+impl Earlier {
+    fn of(file: &FilmFile) -> Self {
+        let report = &file.about.report;
+        let busy = report.stages.iter().map(|(_, seconds)| seconds).sum();
+        Earlier { seconds: report.seconds, busy, samples: file.film.sample_count() }
+    }
+}
+
 /// Checkpoints and parts.
 fn long_render<'s>(render: Render<'s>, args: &RenderArgs) -> Result<Render<'s>, Failure> {
     let long = &args.long;
@@ -226,6 +288,9 @@ fn long_render<'s>(render: Render<'s>, args: &RenderArgs) -> Result<Render<'s>, 
         let mut checkpoint = Checkpoint::new(path);
         if let Some(interval) = long.checkpoint_every {
             checkpoint = checkpoint.every(interval);
+        }
+        if long.checkpoint_until_done {
+            checkpoint = checkpoint.until_done();
         }
         let name = path.display().to_string();
         render = render.checkpoint(checkpoint.on_written(move |written| {

@@ -1,7 +1,7 @@
 //! Checkpoints: film files that are written while the film goes on growing.
 
 use super::{About, Identity, save};
-use crate::engine::session::Rounds;
+use crate::engine::session::{Ended, Rounds};
 use crate::film::Film;
 use std::fmt;
 use std::io;
@@ -24,6 +24,7 @@ type Told<'s> = Box<dyn Fn(&io::Result<Duration>) + Send + Sync + 's>;
 pub struct Checkpoint<'s> {
     path: PathBuf,
     every: Option<Duration>,
+    until_done: bool,
     told: Told<'s>,
 }
 
@@ -39,11 +40,16 @@ impl fmt::Debug for Checkpoint<'_> {
 impl<'s> Checkpoint<'s> {
     /// Into this file: every minute, or as seldom that it takes half a per cent of the time; and at the end.
     pub fn new(path: impl Into<PathBuf>) -> Self {
-        Checkpoint { path: path.into(), every: None, told: Box::new(|_| ()) }
+        Checkpoint { path: path.into(), every: None, until_done: false, told: Box::new(|_| ()) }
     }
     /// Time from one to the next.
     pub fn every(mut self, interval: Duration) -> Self {
         self.every = Some(interval);
+        self
+    }
+    /// None at the end of a render that was not interrupted: its picture is all that is wanted.
+    pub fn until_done(mut self) -> Self {
+        self.until_done = true;
         self
     }
     /// Calls `told` after each one, from another thread, with the time that it took. One that could not be written has left the
@@ -104,7 +110,10 @@ impl Checkpoints<'_> {
     }
 
     /// The last one.
-    pub(crate) fn finish(&self, about: &About) {
+    pub(crate) fn finish(&self, about: &About, ended: Ended) {
+        if self.checkpoint.until_done && ended != Ended::Interrupt {
+            return;
+        }
         (self.checkpoint.told)(&self.write_one(about, None));
     }
 

@@ -33,6 +33,7 @@ mod foreign;
 mod graphics_state;
 mod interpret;
 mod lexer;
+mod overrides;
 mod parameters;
 mod parser;
 mod ply;
@@ -47,6 +48,9 @@ use std::path::{Path, PathBuf};
 
 pub(crate) use ply::reading_time;
 
+pub use overrides::Override;
+pub(crate) use suggest::did_you_mean;
+
 pub use error::{Diagnostic, Error, Excerpt, Location, Severity};
 
 use crate::scene::SceneDescription;
@@ -54,6 +58,7 @@ use dialect::Dialect;
 use error::{Place, Problem};
 use interpret::{Builder, Flow};
 use lexer::Lexer;
+use overrides::Overrides;
 use parser::Parser;
 use source::Sources;
 
@@ -68,6 +73,25 @@ pub struct Loaded {
     pub inputs: Vec<PathBuf>,
     /// Where its shapes stand.
     pub places: Places,
+    /// Names and values of what can be set from outside, if [`LoadOptions::list`] asks for them.
+    pub names: Vec<(String, String)>,
+}
+
+/// How to read a scene.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LoadOptions {
+    /// As [`load_leniently`].
+    pub lenient: bool,
+    /// What is set from outside.
+    pub set: Vec<Override>,
+    /// Whether to list what can be set.
+    pub list: bool,
+}
+
+impl LoadOptions {
+    fn lenient(lenient: bool) -> Self {
+        LoadOptions { lenient, ..LoadOptions::default() }
+    }
 }
 
 /// Where the shapes of a scene stand in its files.
@@ -93,7 +117,7 @@ impl Places {
 /// # Errors
 /// The first thing in the files that is wrong, or everything that wavepath cannot render rightly.
 pub fn load(path: &Path) -> Result<Loaded, Error> {
-    load_file(path, false)
+    load_with_options(path, &LoadOptions::default())
 }
 
 /// As [`load`], but what wavepath lacks is replaced by something that it has, or left out, and each replacement is
@@ -102,10 +126,14 @@ pub fn load(path: &Path) -> Result<Loaded, Error> {
 /// # Errors
 /// The first thing in the files that is wrong.
 pub fn load_leniently(path: &Path) -> Result<Loaded, Error> {
-    load_file(path, true)
+    load_with_options(path, &LoadOptions::lenient(true))
 }
 
-fn load_file(path: &Path, lenient: bool) -> Result<Loaded, Error> {
+/// As [`load`], with options.
+///
+/// # Errors
+/// As [`load`], and what is set from outside and cannot be.
+pub fn load_with_options(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     let cannot = |error: std::io::Error| {
         Problem::new(Place::Nowhere, format!("cannot read {}: {error}", path.display()))
     };
@@ -115,13 +143,13 @@ fn load_file(path: &Path, lenient: bool) -> Result<Loaded, Error> {
     let special = source::read_special(path);
     let special = special.map_err(|error| Sources::default().error(&[*cannot(error)]))?;
     if let Some(bytes) = special {
-        return load_text(&bytes, &path.display().to_string(), directory, lenient);
+        return load_text(&bytes, &path.display().to_string(), directory, options);
     }
     let open = |sources: &mut Sources| {
         let lexer = sources.open(path).map_err(cannot)?;
         Ok((lexer, Some(path.to_path_buf()), directory.to_path_buf()))
     };
-    load_with(open, lenient)
+    load_with(open, options)
 }
 
 /// Reads a scene from a text. `name` stands for the file in messages; file names in the text are relative to
@@ -138,18 +166,25 @@ pub fn load_str(text: &str, name: &str, base_dir: &Path) -> Result<Loaded, Error
 /// # Errors
 /// As [`load`].
 pub fn load_bytes(bytes: &[u8], name: &str, base_dir: &Path) -> Result<Loaded, Error> {
-    load_text(bytes, name, base_dir, false)
+    load_text(bytes, name, base_dir, &LoadOptions::default())
 }
 
-fn load_text(bytes: &[u8], name: &str, base_dir: &Path, lenient: bool) -> Result<Loaded, Error> {
-    load_with(|sources| Ok((sources.open_text(name, bytes), None, base_dir.to_path_buf())), lenient)
+/// As [`load_bytes`], with options.
+///
+/// # Errors
+/// As [`load_with_options`].
+pub fn load_text(bytes: &[u8], name: &str, base_dir: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
+    load_with(|sources| Ok((sources.open_text(name, bytes), None, base_dir.to_path_buf())), options)
 }
 
 type Opened = (Lexer, Option<PathBuf>, PathBuf);
 
-fn load_with(open: impl Fn(&mut Sources) -> error::Result<Opened>, lenient: bool) -> Result<Loaded, Error> {
-    match load_as(&open, Dialect::default(), lenient) {
-        Err(Outcome::Restart) => match load_as(&open, Dialect::v3(), lenient) {
+fn load_with(
+    open: impl Fn(&mut Sources) -> error::Result<Opened>,
+    options: &LoadOptions,
+) -> Result<Loaded, Error> {
+    match load_as(&open, Dialect::default(), options) {
+        Err(Outcome::Restart) => match load_as(&open, Dialect::v3(), options) {
             Ok(loaded) => Ok(loaded),
             Err(Outcome::Failed(error)) => Err(error),
             Err(Outcome::Restart) => {
@@ -169,7 +204,7 @@ enum Outcome {
 fn load_as(
     open: &impl Fn(&mut Sources) -> error::Result<Opened>,
     dialect: Dialect,
-    lenient: bool,
+    options: &LoadOptions,
 ) -> Result<Loaded, Outcome> {
     let mut sources = Sources::default();
     let fail = |sources: &Sources, problems: &[Problem]| match problems.iter().any(|problem| problem.restart)
@@ -179,14 +214,26 @@ fn load_as(
     };
     let (lexer, path, directory) = open(&mut sources).map_err(|problem| fail(&sources, &[*problem]))?;
     let mut parser = Parser::new(lexer, path.as_deref(), &directory);
-    let mut builder = Builder::new(dialect, directory, lenient);
+    let mut builder = Builder::new(dialect, directory, options.lenient);
+    let overrides = Overrides::new(&options.set, options.list, &mut sources);
+    let mut overrides = overrides.map_err(|problem| fail(&sources, &[*problem]))?;
+    builder.set_pose(overrides.pose().map_err(|problem| fail(&sources, &[*problem]))?);
     loop {
         match parser.next(&mut sources) {
-            Ok(Some(statement)) => match builder.statement(statement, parser.directory()) {
-                Ok(Flow::On) => {}
-                Ok(Flow::Ended) => break,
-                Err(problem) => return Err(fail(&sources, &builder.failure(*parser.trace(problem)))),
-            },
+            Ok(Some(mut statement)) => {
+                let before = overrides.apply(&mut statement, builder.is_v3());
+                let all = before.map(|before| before.into_iter().chain([statement]));
+                let mut all = all.map_err(|problem| fail(&sources, &builder.failure(*problem)))?;
+                let flow = all.try_fold(Flow::On, |flow, statement| match flow {
+                    Flow::On => builder.statement(statement, parser.directory()),
+                    Flow::Ended => Ok(Flow::Ended),
+                });
+                match flow {
+                    Ok(Flow::On) => {}
+                    Ok(Flow::Ended) => break,
+                    Err(problem) => return Err(fail(&sources, &builder.failure(*parser.trace(problem)))),
+                }
+            }
             Ok(None) => break,
             Err(problem) => {
                 // What is wrong with a file of another format is that it is one.
@@ -199,11 +246,12 @@ fn load_as(
             }
         }
     }
+    let names = overrides.finish().map_err(|problem| fail(&sources, &builder.failure(*problem)))?;
     let finished = builder.finish().map_err(|problems| fail(&sources, &problems))?;
     let warnings =
         finished.warnings.iter().map(|problem| sources.render(problem, Severity::Warning)).collect();
     sources.inputs.extend(finished.inputs);
     let shapes = finished.shape_spans.iter().map(|span| (span.file.0, span.line)).collect();
     let places = Places { files: sources.names(), shapes };
-    Ok(Loaded { scene: finished.scene, warnings, inputs: sources.inputs, places })
+    Ok(Loaded { scene: finished.scene, warnings, inputs: sources.inputs, places, names })
 }

@@ -128,6 +128,8 @@ pub(crate) struct Parameter {
     /// Of the single value, or of the bracket before several.
     pub values_span: Span,
     used: Cell<bool>,
+    /// Given from outside of the files, without a type: it stands there once for each type that the value may have.
+    is_set: bool,
 }
 
 impl Parameter {
@@ -138,7 +140,13 @@ impl Parameter {
         span: Span,
         values_span: Span,
     ) -> Parameter {
-        Parameter { ty, name, values, span, values_span, used: Cell::new(false) }
+        Parameter { ty, name, values, span, values_span, used: Cell::new(false), is_set: false }
+    }
+
+    /// Marks what comes from outside of the files.
+    pub(crate) fn set_from_outside(mut self) -> Parameter {
+        self.is_set = true;
+        self
     }
 
     /// Place of one number or string.
@@ -240,6 +248,17 @@ impl Parameters {
         self
     }
 
+    /// The parameters as the directive has them.
+    pub(crate) fn own(&self) -> &[Parameter] {
+        &self.own
+    }
+
+    /// Puts a parameter in the place of all of its name: one for each type that its value may have, the likeliest last.
+    pub(crate) fn replace(&mut self, name: &str, readings: Vec<Parameter>) {
+        self.own.retain(|p| p.name != name);
+        self.own.extend(readings);
+    }
+
     /// Gives up the parameters, to become defaults.
     pub(crate) fn into_own(self) -> Vec<Parameter> {
         self.own
@@ -285,7 +304,14 @@ impl Parameters {
         if types.contains(&parameter.ty) {
             return Ok(Some(parameter));
         }
-        if self.forgives_types {
+        // What is set from outside without a type has the one that is looked for.
+        if parameter.is_set {
+            let fits = |p: &&Parameter| p.name == name && types.contains(&p.ty);
+            if let Some(reading) = self.own.iter().rev().find(fits) {
+                reading.used.set(true);
+                return Ok(Some(reading));
+            }
+        } else if self.forgives_types {
             parameter.used.set(false);
             return Ok(None);
         }
@@ -413,9 +439,15 @@ impl Parameters {
 
     /// A complaint for each parameter that a later one of the same name replaces, as in pbrt.
     pub(crate) fn shadowed(&self) -> Vec<Problem> {
-        let shadowed = self.own.iter().filter(|p| !p.used.get() && self.is_shadowed(p));
+        let shadowed = self.own.iter().filter(|p| !p.is_set && !p.used.get() && self.is_shadowed(p));
         let text = |p: &Parameter| format!("parameter \"{}\" is given twice", shorten(&p.name));
         shadowed.map(|p| *Problem::at(p.span, text(p)).label("the last one counts")).collect()
+    }
+
+    /// A complaint about a parameter from outside that nobody asked for.
+    pub(crate) fn unknown_from_outside(&self, what: &str) -> Option<Box<Problem>> {
+        let unknown = self.own.iter().find(|p| p.is_set && !p.used.get() && !self.is_shadowed(p));
+        unknown.map(|p| self.unknown_problem(p, what))
     }
 
     fn is_shadowed(&self, parameter: &Parameter) -> bool {

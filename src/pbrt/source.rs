@@ -90,6 +90,11 @@ impl Sources {
         Lexer::new(id, Box::new(Cursor::new(text)))
     }
 
+    /// Registers a text that is not to be read as a scene, for messages.
+    pub(crate) fn add_text(&mut self, name: &str, text: &str) -> FileId {
+        self.add(name.to_string(), Origin::Text(text.as_bytes().into()))
+    }
+
     fn add(&mut self, name: String, origin: Origin) -> FileId {
         self.sources.push(Source { name, origin });
         FileId(self.sources.len() as u32 - 1)

@@ -137,6 +137,8 @@ pub(super) fn report_of(scene: &Scene, settings: &Settings, setup: &[(&'static s
     let [x0, x1, y0, y1] = scene.description().film.pixel_bounds;
     Report {
         scene: scene.name().to_string(),
+        set: scene.overrides().iter().map(|set| (set.name.clone(), set.value.clone())).collect(),
+        inputs: scene.inputs().iter().map(|path| path.display().to_string()).collect(),
         engine: settings.engine.name().to_string(),
         width: x1 - x0,
         height: y1 - y0,
@@ -155,6 +157,8 @@ pub(super) fn report_of(scene: &Scene, settings: &Settings, setup: &[(&'static s
         peak_memory_bytes: machine::peak_memory_bytes(),
         threads: settings.threads,
         batch: (settings.engine == EngineKind::Wavefront).then_some(settings.batch),
+        ranks: Vec::new(),
+        imbalance: None,
         cpu: machine::cpu_name(),
         isa: settings.level.name().to_string(),
         sampler: settings.sampler.name().to_string(),

@@ -20,6 +20,7 @@ pub use finished::{Picture, PictureError, channels_of, image_of, stages};
 use crate::engine::schedule::Stop;
 use crate::engine::session::{self, MOST_SPP, Session, SessionError};
 use crate::engine::stats::Stats;
+use crate::engine::team::Helpers;
 use crate::engine::{Done, EngineKind, SamplerKind, Settings, Tree, wavefront};
 use crate::film::live_error::LiveError;
 use crate::film::{Film, FilmError, Header};
@@ -161,6 +162,7 @@ pub struct Render<'s> {
     /// In place of the scene's.
     plan: Option<Plan>,
     stop: Arc<AtomicBool>,
+    helpers: Option<&'s dyn Helpers>,
     watch: Option<Watch<'s>>,
 }
 
@@ -193,6 +195,7 @@ impl<'s> Render<'s> {
             command: Vec::new(),
             plan: None,
             stop,
+            helpers: None,
             watch: None,
         }
     }
@@ -303,6 +306,11 @@ impl<'s> Render<'s> {
         self.command = command;
         self
     }
+    /// Others who render along, such as processes on other machines; the picture has the same bits.
+    pub fn with_helpers(mut self, helpers: &'s dyn Helpers) -> Self {
+        self.helpers = Some(helpers);
+        self
+    }
     /// Calls `watch` about ten times a second; [`ControlFlow::Break`] ends the render early, and what is done by then is
     /// the picture.
     pub fn on_update(mut self, watch: impl FnMut(&Update) -> ControlFlow<()> + 's) -> Self {
@@ -409,6 +417,10 @@ impl<'s> Render<'s> {
         let stop = Stop { spp: self.last_sample(), time: self.time, interrupted: self.stop.clone() };
         let (tables, plan) = (self.scene.tables(), self.plan());
         let session = Session::new(tables, plan, tree, film, &self.settings, stop);
+        let session = session.map(|session| match self.helpers {
+            Some(helpers) => session.with_helpers(helpers),
+            None => session,
+        });
         let session = session.map(|session| match (&self.part, self.tile, self.last_sample()) {
             (part, Some([number, count]), Some(last)) => {
                 let first = part.as_ref().map_or(0, |part| part.start);
@@ -536,7 +548,7 @@ impl<'s> Render<'s> {
                         drop(still_on);
                         ended
                     });
-                    checkpoints.finish(&about(session.stats(), session.elapsed()));
+                    checkpoints.finish(&about(session.stats(), session.elapsed()), ended);
                     ended
                 }
                 _ => run(&mut session),

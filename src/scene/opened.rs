@@ -3,7 +3,7 @@
 use super::{BuildError, SceneDescription, SphericalLights, build, release_meshes, set_resolution};
 use crate::engine::{EngineKind, Tree};
 use crate::film_file::{Identity, hash_of_meshes};
-use crate::pbrt::{self, Diagnostic};
+use crate::pbrt::{self, Diagnostic, LoadOptions, Override};
 use crate::plan::Plan;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -31,6 +31,7 @@ pub struct Scene {
     description: SceneDescription,
     warnings: Vec<Diagnostic>,
     inputs: Vec<PathBuf>,
+    overrides: Vec<Override>,
     tables: Tables,
     plan: Plan,
     setup: Vec<(&'static str, Duration)>,
@@ -57,7 +58,7 @@ pub enum SceneError {
 }
 
 /// What to do with a scene between reading and building it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneOptions {
     /// Width and height of the image, in place of the scene's; at least 1 each. A crop keeps its share.
     pub resolution: Option<[u32; 2]>,
@@ -65,6 +66,8 @@ pub struct SceneOptions {
     pub spherical_lights: SphericalLights,
     /// Replaces or leaves out what wavepath lacks, with a warning for each ([`pbrt::load_leniently`]).
     pub lenient: bool,
+    /// What is set in place of what the file says.
+    pub set: Vec<Override>,
 }
 
 impl Scene {
@@ -82,8 +85,9 @@ impl Scene {
     /// As [`Scene::open`].
     pub fn open_with(path: impl AsRef<Path>, options: &SceneOptions) -> Result<Scene, SceneError> {
         let path = path.as_ref();
-        let load = if options.lenient { pbrt::load_leniently } else { pbrt::load };
-        Scene::read(path.display().to_string(), options, || Ok(load(path)?))
+        let load =
+            LoadOptions { lenient: options.lenient, set: options.set.clone(), ..LoadOptions::default() };
+        Scene::read(path.display().to_string(), options, || Ok(pbrt::load_with_options(path, &load)?))
     }
 
     /// A scene from a text in pbrt's format; file names in it are relative to the working directory.
@@ -112,8 +116,8 @@ impl Scene {
         description: SceneDescription,
         options: &SceneOptions,
     ) -> Result<Scene, SceneError> {
-        let (warnings, inputs, places) = Default::default();
-        let loaded = pbrt::Loaded { scene: description, warnings, inputs, places };
+        let (warnings, inputs, places, names) = Default::default();
+        let loaded = pbrt::Loaded { scene: description, warnings, inputs, places, names };
         Scene::read(name.into(), options, || Ok(loaded))
     }
 
@@ -127,7 +131,7 @@ impl Scene {
         read: impl FnOnce() -> Result<pbrt::Loaded, E>,
     ) -> Result<Scene, E> {
         let (started, meshes_before) = (Instant::now(), pbrt::reading_time());
-        let pbrt::Loaded { scene: mut description, warnings, inputs, places: _ } = read()?;
+        let pbrt::Loaded { scene: mut description, warnings, inputs, .. } = read()?;
         // Several threads may read meshes, and together take longer than the clock.
         let reading = started.elapsed();
         let meshes = pbrt::reading_time().saturating_sub(meshes_before).min(reading);
@@ -149,6 +153,7 @@ impl Scene {
             description,
             warnings,
             inputs,
+            overrides: options.set.clone(),
             tables,
             plan,
             setup,
@@ -184,6 +189,10 @@ impl Scene {
         }
         let identity = Identity::of(self, self.meshes_hash, self.spherical_lights)?;
         Ok(self.identity.get_or_init(|| identity))
+    }
+    /// What was set in place of what the files say.
+    pub fn overrides(&self) -> &[Override] {
+        &self.overrides
     }
     /// Width and height of the full image, in pixels.
     pub fn resolution(&self) -> [u32; 2] {

@@ -13,6 +13,7 @@ pub mod plan;
 pub mod schedule;
 pub mod session;
 pub mod stats;
+pub mod team;
 pub mod wavefront;
 
 use crate::film::{BlockSums, Film};

@@ -5,6 +5,7 @@
 
 use crate::film::replicates::{REPLICATES, next_stop, samples_of, samples_of_half};
 use crate::film::{Film, unit_paths};
+use crate::team::Feed;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -58,6 +59,8 @@ pub struct Schedule<'a> {
     pieces: Mutex<Vec<Unit>>,
     deadline: Option<Instant>,
     interrupted: Arc<AtomicBool>,
+    /// Where units come from instead.
+    feed: Option<Arc<Feed>>,
 }
 
 /// Which samples a schedule gives out.
@@ -93,7 +96,7 @@ const MOST_STAGES: usize = 16;
 
 impl<'a> Schedule<'a> {
     /// Most samples of a unit: 256 pixels times 16 samples fill a pool.
-    const CHUNK: u32 = 16;
+    pub(crate) const CHUNK: u32 = 16;
 
     /// For a film, `workers` threads and a rule to stop.
     pub fn new(film: &'a Film, workers: usize, stop: Stop) -> Self {
@@ -125,6 +128,12 @@ impl<'a> Schedule<'a> {
         Schedule::made(film, workers, Samples::ByHalf(ranges.to_vec()), false, interrupted)
     }
 
+    /// What someone else gives out.
+    pub(crate) fn fed(film: &'a Film, feed: Arc<Feed>) -> Self {
+        let schedule = Schedule::made(film, 1, Samples::Same(0..0), true, Arc::default());
+        Schedule { feed: Some(feed), goes_on: false, ..schedule }
+    }
+
     fn made(
         film: &'a Film,
         workers: usize,
@@ -151,6 +160,7 @@ impl<'a> Schedule<'a> {
             pieces: Mutex::default(),
             deadline: None,
             interrupted,
+            feed: None,
         };
         if !growing {
             // Small renders: enough units that no worker waits long at the end.
@@ -247,6 +257,12 @@ impl<'a> Schedule<'a> {
         }
     }
 
+    /// Units that are left to be given out, at most.
+    pub fn remaining(&self) -> u64 {
+        let turns = self.stages.last().map_or(0, |stage| stage.first_turn + stage.turns());
+        turns.saturating_mul(self.blocks).saturating_sub(self.next.load(Ordering::Relaxed))
+    }
+
     /// Whether someone asked for an early end.
     pub fn is_interrupted(&self) -> bool {
         self.interrupted.load(Ordering::Relaxed)
@@ -291,6 +307,9 @@ impl<'a> Schedule<'a> {
 
     /// Takes the next unit, if there is one and no rule says stop.
     pub fn take(&self) -> Option<Unit> {
+        if let Some(feed) = &self.feed {
+            return feed.take();
+        }
         loop {
             // The first sample of every pixel is taken whatever the rules say, but for an interrupt.
             let obligatory = self.from_the_first && self.next.load(Ordering::Relaxed) < self.blocks;

@@ -6,6 +6,7 @@
 use super::adaptive::{LEAST_GAIN, LEAST_PILOT, LEAST_REPLICATES, Shares};
 use super::schedule::{Schedule, Stop};
 use super::stats::Stats;
+use super::team::Helpers;
 use super::wavefront::BATCHES;
 use super::{Done, Job, Settings, Tree, check_together, execute, watched};
 use crate::film::replicates::{REPLICATES, samples_of};
@@ -150,6 +151,9 @@ pub struct Session<'a> {
     settings: &'a Settings,
     spp: Option<u32>,
     interrupted: Arc<AtomicBool>,
+    helpers: Option<&'a dyn Helpers>,
+    /// The render may end any moment.
+    growing: bool,
     pool: rayon::ThreadPool,
     schedule: Schedule<'a>,
     /// Samples a pixel, mean over the pixels, once all of the schedule is given out.
@@ -208,6 +212,8 @@ impl<'a> Session<'a> {
             settings,
             spp,
             interrupted,
+            helpers: None,
+            growing,
             pool,
             schedule,
             planned,
@@ -221,11 +227,24 @@ impl<'a> Session<'a> {
         })
     }
 
+    /// Renders together with others, to the same bits. To be called first.
+    pub fn with_helpers(mut self, helpers: &'a dyn Helpers) -> Self {
+        self.helpers = Some(helpers);
+        let interrupted = Arc::clone(&self.interrupted);
+        self.schedule = Schedule::of(self.film, self.workers(), 0..self.planned, self.growing, interrupted);
+        self
+    }
+
+    /// Threads that render, here and elsewhere.
+    fn workers(&self) -> usize {
+        self.settings.threads + self.helpers.map_or(0, |helpers| helpers.workers())
+    }
+
     /// Renders a part only: of all samples of each pixel, those of a range. Not for adaptive renders or renders to an
     /// error, which decide by what is in the whole film.
     pub fn samples(mut self, range: Range<u32>) -> Self {
         let interrupted = Arc::clone(&self.interrupted);
-        self.schedule = Schedule::of(self.film, self.settings.threads, range.clone(), false, interrupted);
+        self.schedule = Schedule::of(self.film, self.workers(), range.clone(), false, interrupted);
         (self.planned, self.spp) = (range.end, Some(range.end));
         self
     }
@@ -241,7 +260,7 @@ impl<'a> Session<'a> {
         let of_block = |block: usize| if with(block) { halves.clone() } else { none.clone() };
         let ranges: Vec<[Range<u32>; 2]> = (0..self.film.blocks().len()).map(of_block).collect();
         let interrupted = Arc::clone(&self.interrupted);
-        self.schedule = Schedule::by_half(self.film, self.settings.threads, &ranges, interrupted);
+        self.schedule = Schedule::by_half(self.film, self.workers(), &ranges, interrupted);
         (self.planned, self.spp) = (samples.end, Some(samples.end));
         self
     }
@@ -260,7 +279,7 @@ impl<'a> Session<'a> {
         self.stats.merge(stats);
         self.elapsed += elapsed;
         let Some(round) = round else { return Ok(self) };
-        let (film, workers, interrupted) = (self.film, self.settings.threads, Arc::clone(&self.interrupted));
+        let (film, workers, interrupted) = (self.film, self.workers(), Arc::clone(&self.interrupted));
         let Round { from, to, ref ranges, predicted_gain } = *round;
         let fits = |ranges: &Vec<[Range<u32>; 2]>| {
             ranges.len() == film.blocks().len()
@@ -314,7 +333,7 @@ impl<'a> Session<'a> {
     fn begin_round(&mut self, to: u32) {
         // Deciding is a part of the work.
         let started = Instant::now();
-        let (film, workers, from) = (self.film, self.settings.threads, self.planned);
+        let (film, workers, from) = (self.film, self.workers(), self.planned);
         let interrupted = Arc::clone(&self.interrupted);
         let rounds = Arc::clone(&self.rounds);
         let mut round = locked(&rounds);
@@ -359,10 +378,14 @@ impl<'a> Session<'a> {
         // A time too far away for the clock is no limit.
         let deadline = until.and_then(|until| started.checked_add(until.saturating_sub(self.elapsed)));
         self.schedule.pause_at(deadline);
-        let Session { scene, plan, film, settings, schedule, done, .. } = &*self;
+        let Session { scene, plan, film, settings, schedule, helpers, done, .. } = &*self;
         // Checked when the session began.
         let job = Job { scene, plan, film, schedule, seed: settings.seed, policy: settings.policy, done };
-        let stats = watched(&self.done, watch, || execute(&self.pool, &job, self.tree, self.settings));
+        let work = || execute(&self.pool, &job, self.tree, self.settings);
+        let stats = watched(&self.done, watch, || match helpers {
+            Some(helpers) => together(work, || helpers.work(schedule, film, done)),
+            None => work(),
+        });
         self.stats.merge(&stats);
         self.elapsed += started.elapsed();
         if self.schedule.is_interrupted() {
@@ -412,6 +435,19 @@ impl<'a> Session<'a> {
             self.begin_round(next_look(to, factor).min(most));
         }
     }
+}
+
+/// Both at the same time; what both counted.
+fn together(work: impl FnOnce() -> Stats, help: impl FnOnce() -> Stats + Send) -> Stats {
+    std::thread::scope(|scope| {
+        let help = scope.spawn(help);
+        let mut stats = work();
+        match help.join() {
+            Ok(helped) => stats.merge(&helped),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+        stats
+    })
 }
 
 /// Samples a pixel of the first round of an adaptive render: a quarter of all if those are known and it is enough; so

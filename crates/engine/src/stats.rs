@@ -99,6 +99,22 @@ impl Stats {
         }
         stats
     }
+    /// As numbers, for another process: rays by class, those traced by class, and nanoseconds of tracing and of the stages.
+    pub fn to_numbers(&self) -> Vec<u64> {
+        let times = self.tracing.iter().chain(&self.stages).map(|time| time.as_nanos() as u64);
+        let rays = [self.camera_rays, self.bounce_rays, self.shadow_rays];
+        rays.into_iter().chain(self.traced).chain(times).collect()
+    }
+    /// Of [`Stats::to_numbers`]; what is missing is 0.
+    pub fn from_numbers(numbers: &[u64]) -> Self {
+        let mut numbers = numbers.iter().copied();
+        let mut next = || numbers.next().unwrap_or(0);
+        let [camera_rays, bounce_rays, shadow_rays] = [next(), next(), next()];
+        let traced = std::array::from_fn(|_| next());
+        let tracing = std::array::from_fn(|_| Duration::from_nanos(next()));
+        let stages = std::array::from_fn(|_| Duration::from_nanos(next()));
+        Stats { camera_rays, bounce_rays, shadow_rays, stages, traced, tracing, published: 0 }
+    }
     /// Rays since the last call.
     pub fn unpublished(&mut self) -> u64 {
         let new = self.rays() - self.published;

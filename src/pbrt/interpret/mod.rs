@@ -19,7 +19,7 @@ use std::rc::Rc;
 
 use glam::DAffine3;
 
-use crate::scene::{Filter, Material, Parameter, SceneDescription};
+use crate::scene::{Filter, Material, Parameter, Pose, SceneDescription};
 
 use super::dialect::Dialect;
 use super::error::{Place, Problem, Result, Span};
@@ -167,6 +167,16 @@ impl Builder {
         }
     }
 
+    /// Whether the scene is of pbrt-v3, as far as that is known.
+    pub(crate) fn is_v3(&self) -> bool {
+        self.dialect.is_surely_v3()
+    }
+
+    /// Puts the camera where something outside of the files says; `span` is where it says so.
+    pub(crate) fn set_pose(&mut self, pose: Option<(Pose, Span)>) {
+        self.options.pose = pose;
+    }
+
     /// Takes the next directive. `directory`: of the file that it stands in.
     pub(crate) fn statement(&mut self, statement: Statement, directory: &Path) -> Result<Flow> {
         if self.directory != directory {
@@ -255,6 +265,7 @@ impl Builder {
             }
             Plain::Identity => {
                 self.state.update(|_| DAffine3::IDENTITY);
+                self.options.aim = Default::default();
                 Ok(())
             }
         }
@@ -365,6 +376,9 @@ impl Builder {
         match op {
             TransformOp::Transform(_) => self.state.update(|_| change),
             _ => self.state.update(|ctm| ctm * change),
+        }
+        if !self.in_world {
+            self.options.aim.follow(op, &self.state.ctm[0]);
         }
         // Whether there is a way back matters to what stands under it.
         if self.state.ctm.iter().any(|ctm| !ctm.is_finite()) {
@@ -539,6 +553,9 @@ impl Builder {
 
     /// Complains about parameters that nobody asked for.
     fn check_unused(&mut self, parameters: &Parameters, what: &str) -> Result<()> {
+        if let Some(problem) = parameters.unknown_from_outside(what) {
+            return Err(problem);
+        }
         for problem in parameters.shadowed() {
             self.warn(Box::new(problem));
         }

@@ -3,9 +3,10 @@
 use crate::pbrt::error::{Problem, Result, Span};
 use crate::pbrt::lexer::shorten;
 use crate::pbrt::parameters::{Parameter, ParameterType, Parameters, Values};
-use crate::pbrt::parser::Name;
+use crate::pbrt::parser::{Name, TransformOp};
 use crate::pbrt::transform::invertible;
-use crate::scene::{Camera, CameraKind, Film, Filter, Sampler, SamplerKind, SkyMapping};
+use crate::scene::{Camera, CameraKind, Film, Filter, Pose, Sampler, SamplerKind, SkyMapping};
+use glam::{DAffine3, DVec3};
 use wavepath_kernels::queue::MAX_DEPTH;
 
 use super::{Builder, singular, unknown_kind, unsupported_kind};
@@ -27,13 +28,47 @@ pub(super) struct Options {
     /// Factor on all light.
     pub exposure: f64,
     seed: Option<u64>,
+    /// What the camera looks at.
+    pub aim: Aim,
+    /// Where the camera is put from outside of the files.
+    pub pose: Option<(Pose, Span)>,
     /// How long the shutter is open, where that counts.
     pub shutter_seconds: f64,
 }
 
 impl Default for Options {
     fn default() -> Options {
-        Options { filter: None, integrator_bounds: None, exposure: 1.0, seed: None, shutter_seconds: 1.0 }
+        Options {
+            filter: None,
+            integrator_bounds: None,
+            exposure: 1.0,
+            seed: None,
+            aim: Aim::default(),
+            pose: None,
+            shutter_seconds: 1.0,
+        }
+    }
+}
+
+/// What the last `LookAt` before the camera says beside the direction, in camera space, where later transforms do not
+/// move it.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Aim {
+    target: Option<DVec3>,
+    up: Option<DVec3>,
+}
+
+impl Aim {
+    /// After a transform, with the present one.
+    pub(super) fn follow(&mut self, op: &TransformOp, ctm: &DAffine3) {
+        match op {
+            TransformOp::LookAt([_, _, _, look @ .., ux, uy, uz]) => {
+                self.target = Some(ctm.transform_point3(DVec3::from_array(*look)));
+                self.up = Some(ctm.transform_vector3(DVec3::new(*ux, *uy, *uz)));
+            }
+            TransformOp::Transform(_) => *self = Aim::default(),
+            _ => {}
+        }
     }
 }
 
@@ -70,7 +105,15 @@ impl Builder {
         if invertible(camera_from_world).is_none() {
             return Err(singular(span, "the camera"));
         }
-        let world_from_camera = camera_from_world.inverse();
+        let mut world_from_camera = camera_from_world.inverse();
+        if let Some((pose, span)) = &self.options.pose {
+            let Aim { target, up } = self.options.aim;
+            let target = target.map(|target| world_from_camera.transform_point3(target));
+            let up = up.map(|up| world_from_camera.transform_vector3(up));
+            world_from_camera = pose
+                .of(world_from_camera, target, up)
+                .map_err(|expected| Problem::at(*span, "the camera cannot be put there").label(expected))?;
+        }
         if !world_from_camera.translation.as_vec3().is_finite() {
             return Err(
                 Problem::at(span, "the camera is too far away").label("expected coordinates below 3e38")
