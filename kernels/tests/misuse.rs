@@ -29,7 +29,6 @@ fn parts() -> GeometryParts {
         normals: vec![[0.0, 0.0, 1.0]],
         triangle_normals: vec![[0; 3]],
         spheres: vec![[0.0, 0.0, 3.0, 1.0]],
-        quadrics: Vec::new(),
         tags: vec![0; 2],
         ..GeometryParts::default()
     }

@@ -315,7 +315,7 @@ impl Layers {
         }
         let coat = MicrofacetDielectric::white(self.eta, self.alpha);
         let s = coat.sample(wo, lobe, [random.unit(), random.unit()]);
-        s.valid.then(|| (s.wi, s.weight.r * s.eta_scale))
+        s.valid.then_some((s.wi, s.weight.r * s.eta_scale))
     }
 
     /// The columns of a part.
@@ -401,22 +401,20 @@ fn median(slopes: &mut [(f64, f64)]) -> f64 {
 /// coefficient's square is counted, too, so that noise makes no waves.
 fn least_squares(terms: &[[f64; TERMS]; COSINES], wanted: &[f64; COSINES]) -> [f64; TERMS] {
     let mut system = [[0.0; TERMS + 1]; TERMS];
-    for (terms, wanted) in terms.iter().zip(wanted) {
-        for i in 0..TERMS {
-            for j in 0..TERMS {
-                system[i][j] += terms[i] * terms[j];
+    for (i, row) in system.iter_mut().enumerate() {
+        for (terms, wanted) in terms.iter().zip(wanted) {
+            for (sum, factor) in row.iter_mut().zip(terms.iter().chain([wanted])) {
+                *sum += terms[i] * factor;
             }
-            system[i][TERMS] += terms[i] * wanted;
         }
+        row[i] += 1e-6;
     }
     for i in 0..TERMS {
-        system[i][i] += 1e-6;
-    }
-    for i in 0..TERMS {
-        for j in i + 1..TERMS {
-            let ratio = system[j][i] / system[i][i];
-            for k in i..=TERMS {
-                system[j][k] -= ratio * system[i][k];
+        let (above, below) = system.split_at_mut(i + 1);
+        for row in below {
+            let ratio = row[i] / above[i][i];
+            for (x, y) in row.iter_mut().zip(above[i]) {
+                *x -= ratio * y;
             }
         }
     }
