@@ -221,6 +221,11 @@ pub(super) fn run(args: &RenderArgs, world: Option<&World>) -> Result<(), Failur
         report.set_ranks(dealer.finish(elapsed, busy, report.samples - earlier.samples));
     }
     let ended = picture.ended();
+    let interrupt = crate::interrupt::caught().filter(|_| ended == Ended::Interrupt);
+    if let (Some((signal, name)), 0) = (interrupt, report.samples) {
+        let what = format!("interrupted by {name} before the first sample: wrote no picture");
+        return Err(Failure::Interrupted(signal, what));
+    }
     for path in &outputs.films {
         picture.save_film(&scene, path).map_err(|error| films::failed(path, &error))?;
     }
@@ -254,11 +259,11 @@ pub(super) fn run(args: &RenderArgs, world: Option<&World>) -> Result<(), Failur
     }
     outputs.voice.tell(&report)?;
     outputs.images.iter().chain(&outputs.films).try_for_each(|path| outputs.voice.wrote(path))?;
-    match crate::interrupt::caught() {
-        Some((signal, name)) if ended == Ended::Interrupt => {
+    match interrupt {
+        Some((signal, name)) => {
             Err(Failure::Interrupted(signal, format!("interrupted by {name}: wrote what was done")))
         }
-        _ => Ok(()),
+        None => Ok(()),
     }
 }
 
