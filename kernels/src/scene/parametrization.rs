@@ -262,7 +262,7 @@ pub(crate) struct Tangents<F: Real> {
 /// The tangents at a point of a primitive. Where coordinates leave none, any two across the normal.
 ///
 /// # Safety
-/// Every lane of `primitive` is below `geometry.primitives()`, and the scene keeps coordinates.
+/// Every lane of `primitive` is below `geometry.primitives()`.
 #[inline(always)]
 pub(crate) unsafe fn tangents<F: Real>(
     geometry: &Geometry,
@@ -272,6 +272,10 @@ pub(crate) unsafe fn tangents<F: Real>(
     let table = geometry.parametrizations();
     let splat = F::Uint::splat;
     let zero = Vec3::<F>::zero();
+    let frame = Frame::from_normal(surface.shading_normal);
+    if table.is_empty() {
+        return Tangents { u: frame.s, v: frame.t, normal_u: zero, normal_v: zero };
+    }
     // SAFETY: as for `coordinates`.
     unsafe {
         let id = F::Uint::gather(&table.of, primitive);
@@ -295,7 +299,6 @@ pub(crate) unsafe fn tangents<F: Real>(
                 };
             }
         }
-        let frame = Frame::from_normal(surface.shading_normal);
         let there = out.u.cross(out.v).length2().gt(F::zero());
         out.u = Vec3::select(there, out.u, frame.s);
         out.v = Vec3::select(there, out.v, frame.t);

@@ -236,7 +236,7 @@ fn textures<F: Real>(scene: &Scene, list: &[u32], paths: &PathQueue, hits: &HitQ
             if !normals[0].is_empty() {
                 let mut normal = surface.shading_normal;
                 if has_relief(scene, program) {
-                    // SAFETY: as above; scenes with textures keep coordinates.
+                    // SAFETY: as above.
                     let tangents = unsafe { tangents(scene.geometry(), primitive, &surface) };
                     normal = turned_normal(scene, program, &point, &surface, &tangents);
                 }
@@ -290,7 +290,7 @@ impl<F: Real<Uint = core::num::Wrapping<u32>>> Kernel for EvaluateOne<'_, F> {
         if !has_relief(scene, program) {
             return surface.shading_normal;
         }
-        // SAFETY: as above; scenes with textures keep coordinates.
+        // SAFETY: as above.
         let tangents = unsafe { tangents(scene.geometry(), F::Uint::splat(primitive), &surface) };
         turned_normal(scene, program, &point, &surface, &tangents)
     }
