@@ -27,7 +27,7 @@ use wavepath_kernels::shade::bsdf::Bsdf;
 use wavepath_kernels::shade::emission::emitted;
 use wavepath_kernels::shade::materials::{Lambert, Material, RoughConductor};
 use wavepath_kernels::shade::surface::Surface;
-use wavepath_kernels::shade::{Features, Vertex, scatter};
+use wavepath_kernels::shade::{Features, InPlace, Vertex, scatter};
 
 /// One lane, single or double precision.
 trait Scalar: Real<Mask = bool, Uint = Wrapping<u32>> + Into<f64> {}
@@ -792,7 +792,7 @@ fn reflected<M: Material, P: Features>(light: &Light, material: M, wo: [f64; 3])
             stream,
             depth: Wrapping(0),
         };
-        let out = scatter::<f32, M::Bsdf<f32>, P>(&scene, &vertex, &bsdf);
+        let out = scatter::<f32, M::Bsdf<f32>, P, _>(InPlace, &scene, &vertex, &bsdf);
         let mut sum = if out.shadow.valid { out.shadow.radiance.r as f64 } else { 0.0 };
         if out.throughput.r > 0.0 {
             let d = array(out.direction);

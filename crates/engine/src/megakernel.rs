@@ -25,7 +25,7 @@ use wavepath_kernels::shade::environment::sky;
 use wavepath_kernels::shade::materials::{ForMaterial, Material};
 use wavepath_kernels::shade::parameters::Parameters;
 use wavepath_kernels::shade::surface::Surface;
-use wavepath_kernels::shade::{Features, Scattered, Vertex, material_of, scatter, tangent};
+use wavepath_kernels::shade::{Features, InPlace, Scattered, Shared, Vertex, material_of, scatter, tangent};
 use wavepath_kernels::texture::{EvaluateOne, WIDEST};
 
 /// One worker of the engine: takes tiles until there are none left.
@@ -253,7 +253,8 @@ fn trace<I: Isa, P: Features>(
         let tangent = Vec3::zero();
         let vertex =
             Vertex { surface, tangent, direction, throughput, eta_scale, stream, depth: uint(depth) };
-        let step = Step::<_, P> {
+        let step = Step::<_, _, P> {
+            isa,
             scene,
             tag: material.0,
             primitive,
@@ -296,7 +297,8 @@ fn trace<I: Isa, P: Features>(
 }
 
 /// The path step at a surface with this tag.
-struct Step<'a, F: Real, P> {
+struct Step<'a, I, F: Real, P> {
+    isa: I,
     scene: &'a Scene,
     tag: u32,
     /// The row of parameters there, if it is not that of the material.
@@ -306,7 +308,7 @@ struct Step<'a, F: Real, P> {
     features: PhantomData<P>,
 }
 
-impl<F: Real, P: Features> ForMaterial for Step<'_, F, P> {
+impl<I: Isa, F: Real, P: Features> ForMaterial for Step<'_, I, F, P> {
     type Output = Scattered<F>;
     #[inline(always)]
     fn run<M: Material>(self) -> Scattered<F> {
@@ -320,13 +322,16 @@ impl<F: Real, P: Features> ForMaterial for Step<'_, F, P> {
                 Some(row) => <M as Parameters>::evaluate::<F>(row, F::Uint::splat(0)),
             })
         };
+        let mut vertex = *self.vertex;
         if M::Bsdf::<F>::ANISOTROPIC {
             let primitive = F::Uint::splat(self.primitive);
             // SAFETY: the primitive was hit, so it exists.
-            let tangent = unsafe { tangent(self.scene.geometry(), primitive, &self.vertex.surface, &bsdf) };
-            let vertex = Vertex { tangent, ..*self.vertex };
-            return scatter::<F, M::Bsdf<F>, P>(self.scene, &vertex, &bsdf);
+            vertex.tangent = unsafe { tangent(self.scene.geometry(), primitive, &vertex.surface, &bsdf) };
         }
-        scatter::<F, M::Bsdf<F>, P>(self.scene, self.vertex, &bsdf)
+        if M::Bsdf::<F>::COMMON {
+            scatter::<F, M::Bsdf<F>, P, _>(InPlace, self.scene, &vertex, &bsdf)
+        } else {
+            scatter::<F, M::Bsdf<F>, P, _>(Shared(self.isa), self.scene, &vertex, &bsdf)
+        }
     }
 }

@@ -30,7 +30,7 @@ use crate::lanes::{Mask, Real, Uint};
 use crate::math::{Frame, Rgb, Vec3, power_heuristic};
 use crate::queue::{HitQueue, PathQueue, SLOT_BITS, ShadowQueue, SlotTable, list_lanes};
 use crate::sampler::{Sampler, Stream, dimension, vertex_dimension};
-use crate::scene::lights::{LightKinds, kind, sample};
+use crate::scene::lights::{LightKinds, LightRow, LightSample, LightTable, kind, sample};
 use crate::scene::parametrization::tangents;
 use crate::scene::{Geometry, PrimitiveTag, Scene};
 use crate::texture::TexturedPiece;
@@ -107,9 +107,82 @@ pub struct Scattered<F: Real> {
     pub eta_scale: F,
 }
 
+/// How the code comes to that which samples lights, most of what there is to compile of a material.
+pub trait LightSampling: Copy {
+    /// A direction towards a light from `origin`; `sky` chooses among the pixels of a picture of the sky.
+    fn sample<F: Real, L: LightKinds>(
+        self,
+        lights: &LightTable,
+        light: &LightRow<F>,
+        origin: Vec3<F>,
+        u: [F; 2],
+        sky: F::Uint,
+    ) -> LightSample<F>;
+}
+
+/// It has a copy of it.
+#[derive(Clone, Copy, Debug)]
+pub struct InPlace;
+
+impl LightSampling for InPlace {
+    #[inline(always)]
+    fn sample<F: Real, L: LightKinds>(
+        self,
+        lights: &LightTable,
+        light: &LightRow<F>,
+        origin: Vec3<F>,
+        u: [F; 2],
+        sky: F::Uint,
+    ) -> LightSample<F> {
+        let mut towards = sample::<F, L>(light, origin, u);
+        if L::KINDS & kind::ENVIRONMENT != 0 && !lights.maps().is_empty() {
+            lights.sample_map(light, origin, sky, u, &mut towards);
+        }
+        towards
+    }
+}
+
+/// It calls the one that all materials share that are not [`Bsdf::COMMON`].
+#[derive(Clone, Copy, Debug)]
+pub struct Shared<I>(pub I);
+
+impl<I: Isa> LightSampling for Shared<I> {
+    #[inline(always)]
+    fn sample<F: Real, L: LightKinds>(
+        self,
+        lights: &LightTable,
+        light: &LightRow<F>,
+        origin: Vec3<F>,
+        u: [F; 2],
+        sky: F::Uint,
+    ) -> LightSample<F> {
+        self.0.run(SampleLight { lights, light: *light, origin, u, sky, kinds: PhantomData::<L> })
+    }
+}
+
+/// The kernel: one vector of directions towards lights.
+struct SampleLight<'a, F: Real, L> {
+    lights: &'a LightTable,
+    light: LightRow<'a, F>,
+    origin: Vec3<F>,
+    u: [F; 2],
+    sky: F::Uint,
+    kinds: PhantomData<L>,
+}
+
+impl<F: Real, L: LightKinds> Kernel for SampleLight<'_, F, L> {
+    type Output = LightSample<F>;
+    #[inline(always)]
+    fn run<I: Isa>(self, _isa: I) -> LightSample<F> {
+        let SampleLight { lights, light, origin, u, sky, .. } = self;
+        InPlace.sample::<F, L>(lights, &light, origin, u, sky)
+    }
+}
+
 /// The path step at a surface of material `B`: samples a light, weighs it against the BSDF, then samples the BSDF.
 #[inline(always)]
-pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
+pub fn scatter<F: Real, B: Bsdf<F>, P: Features, S: LightSampling>(
+    lights: S,
     scene: &Scene,
     vertex: &Vertex<F>,
     bsdf: &B,
@@ -127,7 +200,7 @@ pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
     let wo_local = frame.to_local(wo);
 
     let shadow = if P::LIGHTS != 0 && !B::SPECULAR && !scene.lights().is_empty() {
-        light_ray::<F, B, P>(scene, vertex, bsdf, &frame, wo_local)
+        light_ray::<F, B, P, S>(lights, scene, vertex, bsdf, &frame, wo_local)
     } else {
         ShadowRay {
             origin: surface.point,
@@ -161,7 +234,8 @@ pub fn scatter<F: Real, B: Bsdf<F>, P: Features>(
 
 /// Next-event estimation: one light, one direction, weighed by the power heuristic against the BSDF.
 #[inline(always)]
-fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
+fn light_ray<F: Real, B: Bsdf<F>, P: Features, S: LightSampling>(
+    sampling: S,
     scene: &Scene,
     vertex: &Vertex<F>,
     bsdf: &B,
@@ -181,11 +255,12 @@ fn light_ray<F: Real, B: Bsdf<F>, P: Features>(
     let u = P::Sampler::two::<F>(vertex.stream, vertex_dimension(vertex.depth, dimension::LIGHT));
     // The same reference point as that of a BSDF ray on this side, so that both strategies speak of one density.
     let reference = vertex.surface.leave(-vertex.direction);
-    let mut towards = sample::<F, P::Lights>(&light, reference, u);
-    if P::LIGHTS & kind::ENVIRONMENT != 0 && !lights.maps().is_empty() {
-        let bits = P::Sampler::bits(vertex.stream, vertex_dimension(vertex.depth, dimension::SKY));
-        lights.sample_map(&light, reference, bits, u, &mut towards);
-    }
+    let sky = if P::LIGHTS & kind::ENVIRONMENT != 0 && !lights.maps().is_empty() {
+        P::Sampler::bits(vertex.stream, vertex_dimension(vertex.depth, dimension::SKY))
+    } else {
+        F::Uint::splat(0)
+    };
+    let towards = sampling.sample::<F, P::Lights>(lights, &light, reference, u, sky);
     let wi_local = frame.to_local(towards.direction);
     let value = bsdf.eval(wo_local, wi_local);
     let pdf_light = towards.pdf * light.probability();
@@ -280,8 +355,9 @@ pub struct Shade<'a, M, P> {
 impl<M: Material, P: Features> Kernel for Shade<'_, M, P> {
     type Output = ();
     #[inline(always)]
-    fn run<I: Isa>(self, _isa: I) {
-        shade::<I::Wide, M, P>(
+    fn run<I: Isa>(self, isa: I) {
+        shade::<I, I::Wide, M, P>(
+            isa,
             self.scene,
             self.list,
             self.paths,
@@ -300,7 +376,8 @@ const LANES: [u32; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 #[allow(clippy::too_many_arguments)]
 #[inline(always)]
-fn shade<F: Real, M: Material, P: Features>(
+fn shade<I: Isa, F: Real, M: Material, P: Features>(
+    isa: I,
     scene: &Scene,
     list: &[u32],
     paths: &PathQueue,
@@ -371,7 +448,11 @@ fn shade<F: Real, M: Material, P: Features>(
             };
             (vertex, bsdf, slot)
         };
-        let out = scatter::<F, M::Bsdf<F>, P>(scene, &vertex, &bsdf);
+        let out = if M::Bsdf::<F>::COMMON {
+            scatter::<F, M::Bsdf<F>, P, _>(InPlace, scene, &vertex, &bsdf)
+        } else {
+            scatter::<F, M::Bsdf<F>, P, _>(Shared(isa), scene, &vertex, &bsdf)
+        };
 
         if P::LIGHTS != 0 && !M::Bsdf::<F>::SPECULAR {
             let valid = out.shadow.valid & F::Mask::first(count);
