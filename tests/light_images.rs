@@ -317,7 +317,7 @@ struct Files(tempfile::TempDir);
 impl Files {
     fn new() -> Self {
         let files = Files(tempfile::tempdir().unwrap());
-        write_pfm(&files.path("square.pfm"), 8, 8, |_, _| [1.0, 2.0, 3.0]);
+        write_pfm(&files.path("square.pfm"), 64, 64, |_, _| [1.0, 2.0, 3.0]);
         write_pfm(&files.path("wide.pfm"), 8, 4, |_, _| [1.0; 3]);
         write_pfm(&files.path("nan.pfm"), 4, 4, |x, y| [if (x, y) == (2, 1) { f32::NAN } else { 1.0 }; 3]);
         files

@@ -738,7 +738,7 @@ fn errors_print_like_a_compiler() {
     let expected = concat!(
         "t.pbrt:3:9: unknown shape \"shpere\"\n",
         "    3 |   Shape \"shpere\" \"float radius\" [ 1 ]\n",
-        "      |         ^^^^^^^^ expected one of sphere, disk, cylinder, trianglemesh, plymesh, bilinearmesh; ",
+        "      |         ^^^^^^^^ expected one of sphere, disk, cylinder, trianglemesh, plymesh, bilinearmesh, loopsubdiv; ",
         "did you mean \"sphere\"?",
     );
     assert_eq!(error.to_string(), expected);

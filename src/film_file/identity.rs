@@ -1,5 +1,6 @@
 //! What a picture depends on, so that samples of two scenes are never mixed.
 
+use crate::picture::RasterSamples;
 use crate::scene::{Mesh, Scene, SceneDescription, SphericalLights};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -121,7 +122,7 @@ fn hex(hash: u128) -> String {
     format!("{hash:032x}")
 }
 
-/// Of the vertices and triangles of all meshes.
+/// Of the vertices and triangles of all meshes, and of the images of lights.
 pub(crate) fn hash_of_meshes(description: &SceneDescription) -> u128 {
     let mut hasher = Xxh3::new();
     for Mesh { positions, normals, uvs, triangles } in &description.meshes {
@@ -134,6 +135,19 @@ pub(crate) fn hash_of_meshes(description: &SceneDescription) -> u128 {
         for array in arrays {
             hasher.update(&(array.len() as u64).to_le_bytes());
             hasher.update(array);
+        }
+    }
+    for image in &description.images {
+        for size in [image.width(), image.height(), image.channels().into()] {
+            hasher.update(&size.to_le_bytes());
+        }
+        match image.samples() {
+            RasterSamples::Bytes(samples) => hasher.update(samples),
+            RasterSamples::Words(samples) => hasher.update(bytemuck::cast_slice(samples)),
+            RasterSamples::Halves(samples) => {
+                samples.iter().for_each(|sample| hasher.update(&sample.to_bits().to_le_bytes()));
+            }
+            RasterSamples::Floats(samples) => hasher.update(bytemuck::cast_slice(samples)),
         }
     }
     hasher.digest128()
