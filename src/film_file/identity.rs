@@ -8,6 +8,7 @@ use std::fmt::{self, Write};
 use std::fs::File;
 use std::io;
 use std::path::Path;
+use wavepath_kernels::texture::{ImageParts, Texels};
 use xxhash_rust::xxh3::Xxh3;
 
 /// What a picture depends on beside what the film's header says: the scene as it was understood, and the files that it was
@@ -122,7 +123,7 @@ fn hex(hash: u128) -> String {
     format!("{hash:032x}")
 }
 
-/// Of the vertices and triangles of all meshes, and of the images of lights.
+/// Of the vertices and triangles of all meshes, and of the images of lights and textures.
 pub(crate) fn hash_of_meshes(description: &SceneDescription) -> u128 {
     let mut hasher = Xxh3::new();
     for Mesh { positions, normals, uvs, triangles } in &description.meshes {
@@ -137,7 +138,7 @@ pub(crate) fn hash_of_meshes(description: &SceneDescription) -> u128 {
             hasher.update(array);
         }
     }
-    for image in &description.images {
+    for image in &description.light_images {
         for size in [image.width(), image.height(), image.channels().into()] {
             hasher.update(&size.to_le_bytes());
         }
@@ -148,6 +149,24 @@ pub(crate) fn hash_of_meshes(description: &SceneDescription) -> u128 {
                 samples.iter().for_each(|sample| hasher.update(&sample.to_bits().to_le_bytes()));
             }
             RasterSamples::Floats(samples) => hasher.update(bytemuck::cast_slice(samples)),
+        }
+    }
+    for image in &description.images {
+        let ImageParts { width, height, channels, texels } = image.parts();
+        for size in [width, height, channels] {
+            hasher.update(&size.to_le_bytes());
+        }
+        match texels {
+            Texels::U8(texels, encoding) => {
+                hasher.update(format!("{encoding:?}").as_bytes());
+                hasher.update(texels);
+            }
+            Texels::U16(texels, encoding) => {
+                hasher.update(format!("{encoding:?}").as_bytes());
+                hasher.update(bytemuck::cast_slice(texels));
+            }
+            Texels::F16(texels) => hasher.update(bytemuck::cast_slice(texels)),
+            Texels::F32(texels) => hasher.update(bytemuck::cast_slice(texels)),
         }
     }
     hasher.digest128()

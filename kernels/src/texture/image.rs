@@ -4,6 +4,7 @@ use super::mapping::floor;
 use crate::lanes::{Real, Uint};
 use crate::math::Rgb;
 use crate::scene::BuildError;
+use core::fmt;
 
 /// What the numbers of a picture mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,11 +66,19 @@ pub struct ImageParts {
 }
 
 /// A picture. Its tables fit together.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Image {
     parts: ImageParts,
     /// Values of whole numbers.
     decoded: Vec<f32>,
+}
+
+/// Its sizes: the numbers are too many to be read.
+impl fmt::Debug for Image {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let ImageParts { width, height, channels, .. } = &self.parts;
+        write!(f, "Image {{ width: {width}, height: {height}, channels: {channels} }}")
+    }
 }
 
 impl Image {
