@@ -25,7 +25,7 @@
 //! ```
 
 use crate::pbrt::{Diagnostic, Loaded, Location, Severity};
-use crate::scene::{Geometry, Light, Material, Mesh, Parameter, Shape};
+use crate::scene::{Geometry, Light, Material, Mesh, Parameter, Shape, origin};
 use glam::DVec3;
 use serde::Serialize;
 use std::cell::Cell;
@@ -242,7 +242,7 @@ impl Bounds {
 }
 
 fn vertex(mesh: &Mesh, index: u32) -> DVec3 {
-    DVec3::from(mesh.positions[index as usize].map(f64::from))
+    DVec3::from(mesh.positions[index as usize])
 }
 
 /// Bits of a vertex's position: vertices at one place are one vertex.
@@ -349,8 +349,12 @@ impl<'a> Search<'a> {
     /// Digits that are left of a shape: those of single precision, less those that its distance from the origin takes, in
     /// units of its size.
     fn precision(&mut self) {
+        // Scenes far from the origin are moved before anything is rounded.
+        let origin = origin::of(&self.scene.scene);
+        let far_of =
+            |bounds: &Bounds| (bounds.low - origin).abs().max((bounds.high - origin).abs()).max_element();
         let digits_of = |bounds: &Bounds| {
-            let far = bounds.low.abs().max(bounds.high.abs()).max_element();
+            let far = far_of(bounds);
             let size = bounds.diagonal();
             if size > 0.0 { DIGITS - (far / size).log10().max(0.0) } else { DIGITS }
         };
@@ -371,7 +375,7 @@ impl<'a> Search<'a> {
         if digits < FEW_DIGITS {
             let bounds = self.bounds[number];
             let size = bounds.diagonal();
-            let far = bounds.low.abs().max(bounds.high.abs()).max_element();
+            let far = far_of(&bounds);
             let others = if few > 1 { format!("; {few} shapes have fewer than 3") } else { String::new() };
             self.found(
                 Kind::Precision,

@@ -103,7 +103,7 @@ fn descriptions_of_no_scene_are_refused_by_name() {
         assert_refused("light 0: its radiance", |s| *s.lights[0].colour_mut() = [bad as f32; 3]);
     }
     for bad in BAD {
-        assert_refused("vertex 1", |s| s.meshes[0].positions[1][1] = bad as f32);
+        assert_refused("vertex 1", |s| s.meshes[0].positions[1][1] = bad);
         assert_refused("filter 0: a parameter", |s| {
             s.filter = Filter::Mitchell { radius: [2.0; 2], b: bad, c: 0.3 };
         });
@@ -217,7 +217,7 @@ fn parts_of_other_renders_are_refused() {
 #[test]
 fn errors_name_what_is_wrong() {
     let mut bad = description();
-    bad.meshes[0].positions[2] = [f32::NAN; 3];
+    bad.meshes[0].positions[2] = [f64::NAN; 3];
     let error = scene::build(&bad, SphericalLights::Cone).unwrap_err();
     assert!(matches!(error, BuildError::Tables(_)));
     assert_eq!(error.to_string(), "vertex 2: a coordinate is NaN; expected a finite number");

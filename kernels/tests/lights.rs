@@ -21,7 +21,8 @@ use wavepath_kernels::scene::lights::{
     fade, goniometric, kind, with_lights,
 };
 use wavepath_kernels::scene::{
-    BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, MaterialTable, NoRow, Scene, SceneParts,
+    BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, MaterialTable, NoRow,
+    Scene, SceneParts,
 };
 use wavepath_kernels::shade::bsdf::Bsdf;
 use wavepath_kernels::shade::emission::emitted;
@@ -543,10 +544,26 @@ fn shadow_rays_stop_short_of_the_light_and_not_long_before() {
         if let Triangle(p, a, b) = shape {
             let corners = [p, narrow(add(wide(p), wide(a))), narrow(add(wide(p), wide(b)))];
             let light = Light::new(shape, true);
+            let normal = normalize(cross(wide(a), wide(b)));
+            let [x, y, z] = narrow(normal);
+            let geometry = Geometry::new(GeometryParts {
+                vertices: corners.to_vec(),
+                triangles: vec![[0, 1, 2]],
+                planes: vec![[x, y, z, dot(wide([x, y, z]), wide(p)) as f32]],
+                tags: vec![0],
+                ..GeometryParts::default()
+            })
+            .unwrap();
             for _ in 0..2_000 {
                 let s = light.sample::<f32>(origin, [random.unit(), random.unit()]);
                 let mut hit = Hit::none(s.distance as f32);
-                test_triangle(&corners, 0, &ShearedRay::new(narrow(origin), narrow(s.direction)), &mut hit);
+                test_triangle(
+                    &geometry,
+                    &corners,
+                    0,
+                    &ShearedRay::new(narrow(origin), narrow(s.direction)),
+                    &mut hit,
+                );
                 assert!(hit.primitive != 0, "{what}: the light shadows itself");
                 assert!(light.meet(origin, s.direction).is_none_or(|(t, _)| t - s.distance < 2e-4 * t));
             }
@@ -780,7 +797,7 @@ fn reflected<M: Material, P: Features>(light: &Light, material: M, wo: [f64; 3])
     let bsdf = M::bsdf::<f32>(unsafe { scene.materials().evaluate::<M, f32>(Wrapping(handle.row)) });
     let up = Vec3::new(0.0, 0.0, 1.0);
     // A size of 0: rays start at the origin itself, so that analytic values are exact.
-    let surface = Surface { point: Vec3::zero(), normal: up, shading_normal: up, size: 0.0f32 };
+    let surface = Surface { point: Vec3::zero(), normal: up, shading_normal: up, error: 0.0f32 };
     Mean::of((0..60_000u32).map(|sample| {
         let stream = Stream { seed: stream_seed(3, Wrapping(sample), 0), index: Wrapping(sample & 7) };
         let vertex = Vertex {

@@ -336,8 +336,12 @@ proptest! {
         for sign in [1.0f32, -1.0] {
             let way = narrow(n.map(|x| x * f64::from(sign)));
             let start = wide(surface.leave(vector(way)).lane(0));
-            let height = dot(n, sub(start, a)) * f64::from(sign);
+            // Off the plane of the table; and off the triangle's own, but for the rounding of the table's.
+            let height = (dot(wide(plane), start) - f64::from(distance)) * f64::from(sign);
             prop_assert!(height > 0.0 && height < 1e-4 * s, "starts {height} from a triangle of {s}");
+            let tilt = (0..3).map(|k| (n[k] * (start[k] - a[k])).abs()).sum::<f64>() + f64::from(distance.abs());
+            let height = dot(n, sub(start, a)) * f64::from(sign);
+            prop_assert!(height > -0.5 * f64::from(f32::EPSILON) * tilt, "starts {height} from a triangle of {s}");
         }
     }
 

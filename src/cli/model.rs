@@ -102,7 +102,7 @@ fn bounds(loaded: &Loaded) -> Option<[DVec3; 2]> {
     let meshes = loaded.scene.meshes.iter();
     let corners = meshes.flat_map(|mesh| {
         let corners = mesh.triangles.iter().flatten();
-        corners.map(|&corner| DVec3::from(mesh.positions[corner as usize].map(f64::from)))
+        corners.map(|&corner| DVec3::from(mesh.positions[corner as usize]))
     });
     corners.filter(|point| point.is_finite()).fold(None, |bounds, point| match bounds {
         None => Some([point, point]),
@@ -281,7 +281,7 @@ mod tests {
                 let floor = &scene.scene.meshes[0];
                 let eye = camera.world_from_camera.translation;
                 for &p in &floor.positions {
-                    let p = DVec3::from(p.map(f64::from));
+                    let p = DVec3::from(p);
                     assert!((p.dot(up) - bounds[0].dot(up).min(bounds[1].dot(up))).abs() < 0.01);
                     assert!(eye.dot(up) > p.dot(up));
                 }

@@ -90,6 +90,11 @@ mod tests {
         Command::try_parse_from(std::iter::once(&"mesh").chain(words)).unwrap().mesh
     }
 
+    fn close<T: Copy + Into<f64>>(a: &[[T; 3]], b: &[[T; 3]], tolerance: f64) -> bool {
+        let near = |(x, y): (&T, &T)| ((*x).into() - (*y).into()).abs() <= tolerance;
+        a.len() == b.len() && a.as_flattened().iter().zip(b.as_flattened()).all(near)
+    }
+
     #[test]
     fn every_kind_has_defaults_that_work() {
         let kinds = [
@@ -152,10 +157,6 @@ mod tests {
             bytes += found.len();
             let (found, made) = (ply::decode(&found), generate(&args.kind).unwrap());
             assert_eq!(found.triangles, made.triangles, "{file:?}");
-            let close = |a: &[[f32; 3]], b: &[[f32; 3]], tolerance: f32| {
-                a.len() == b.len()
-                    && a.as_flattened().iter().zip(b.as_flattened()).all(|(x, y)| (x - y).abs() <= tolerance)
-            };
             assert!(close(&found.positions, &made.positions, 1e-6), "{file:?}");
             assert!(close(&found.normals, &made.normals, 1e-5), "{file:?}");
             committed.push(file.file_name().unwrap().to_owned());

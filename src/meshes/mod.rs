@@ -92,7 +92,7 @@ impl Builder {
     /// Rounds to the precision of a [`Mesh`].
     fn finish(self) -> Mesh {
         Mesh {
-            positions: self.positions.into_iter().map(round).collect(),
+            positions: self.positions.into_iter().map(|p| round(p).map(f64::from)).collect(),
             normals: self.normals.into_iter().map(round).collect(),
             uvs: Vec::new(),
             triangles: self.triangles,

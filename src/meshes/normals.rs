@@ -69,7 +69,7 @@ pub(super) fn creased(positions: &[DVec3], triangles: &[[u32; 3]], crease: f64) 
                 return index;
             }
             let index = mesh.positions.len() as u32;
-            mesh.positions.push(round(positions[i]));
+            mesh.positions.push(round(positions[i]).map(f64::from));
             mesh.normals.push(round(normal));
             made[i].push((normal, index));
             index

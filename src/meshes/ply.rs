@@ -31,7 +31,7 @@ pub fn encode(out: &mut (impl Write + ?Sized), mesh: &Mesh) -> io::Result<()> {
     writeln!(out, "element face {faces}\nproperty list uchar int vertex_indices\nend_header")?;
     let mut floats = |values: &[f32]| values.iter().try_for_each(|x| out.write_all(&x.to_le_bytes()));
     for (i, position) in mesh.positions.iter().enumerate() {
-        floats(position)?;
+        floats(&position.map(|x| x as f32))?;
         if let Some(normal) = mesh.normals.get(i) {
             floats(normal)?;
         }
@@ -62,7 +62,7 @@ pub(super) fn decode(bytes: &[u8]) -> Mesh {
     let mut four = || -> [u8; 4] { std::array::from_fn(|_| rest.next().unwrap()) };
     let mut mesh = Mesh::default();
     for _ in 0..count("element vertex") {
-        mesh.positions.push(std::array::from_fn(|_| f32::from_le_bytes(four())));
+        mesh.positions.push(std::array::from_fn(|_| f32::from_le_bytes(four()).into()));
         if header.contains("float nx") {
             mesh.normals.push(std::array::from_fn(|_| f32::from_le_bytes(four())));
         }

@@ -79,7 +79,7 @@ mod tests {
         assert_eq!(topology.euler_characteristic, 2);
         assert!((topology.signed_volume / (8.0 * std::f64::consts::PI) - 1.0).abs() < 5e-3, "{topology:?}");
         for (p, n) in mesh.positions.iter().zip(&mesh.normals) {
-            let exact = glam::Vec3::new(p[0], p[1] / 4.0, p[2] / 9.0).normalize();
+            let exact = glam::DVec3::new(p[0], p[1] / 4.0, p[2] / 9.0).as_vec3().normalize();
             assert!(exact.distance(glam::Vec3::from(*n)) < 1e-5);
         }
     }

@@ -126,7 +126,7 @@ mod tests {
         assert!(mesh.positions.iter().all(|p| (0.0..=2.0).contains(&p[1])));
         assert_eq!((mesh.uvs[0], mesh.uvs[61 * 61 - 1]), ([0.0, 0.0], [1.0, 1.0]));
         let heights = mesh.positions.iter().map(|p| p[1]);
-        assert!(heights.clone().fold(0.0, f32::max) - heights.fold(9.0, f32::min) > 0.5);
+        assert!(heights.clone().fold(0.0, f64::max) - heights.fold(9.0, f64::min) > 0.5);
     }
 
     #[test]

@@ -26,7 +26,7 @@ pub struct Topology {
 impl Topology {
     /// Measures a mesh. Memory: about 100 bytes a triangle.
     pub fn of(mesh: &Mesh) -> Topology {
-        let mut by_position: HashMap<[u32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
+        let mut by_position: HashMap<[u64; 3], u32> = HashMap::with_capacity(mesh.positions.len());
         let merged: Vec<u32> = mesh
             .positions
             .iter()
@@ -40,7 +40,7 @@ impl Topology {
         let mut edges: HashMap<(u32, u32), [u32; 2]> = HashMap::with_capacity(mesh.triangles.len() * 3 / 2);
         let (mut collapsed_faces, mut signed_volume) = (0, 0.0);
         for t in &mesh.triangles {
-            let [a, b, c] = t.map(|i| DVec3::from(mesh.positions[i as usize].map(f64::from)));
+            let [a, b, c] = t.map(|i| DVec3::from(mesh.positions[i as usize]));
             signed_volume += a.dot(b.cross(c)) / 6.0;
             let m = t.map(|i| merged[i as usize]);
             collapsed_faces += usize::from(m[0] == m[1] || m[1] == m[2] || m[2] == m[0]);
@@ -79,7 +79,7 @@ pub(super) fn assert_sound(mesh: &Mesh) -> Topology {
     }
     let mut used = vec![false; mesh.positions.len()];
     for t in &mesh.triangles {
-        let [a, b, c] = t.map(|i| DVec3::from(mesh.positions[i as usize].map(f64::from)));
+        let [a, b, c] = t.map(|i| DVec3::from(mesh.positions[i as usize]));
         let face = (b - a).cross(c - a);
         let mean: DVec3 = t.iter().map(|&i| DVec3::from(mesh.normals[i as usize].map(f64::from))).sum();
         assert!(face.dot(mean) > 0.0, "normals of {t:?} look inwards: {a} {b} {c} {mean}");

@@ -3,6 +3,7 @@
 use super::check::check;
 use super::description as d;
 use super::light_images;
+use super::origin;
 use crate::picture::{Raster, RasterSamples};
 use glam::{DAffine3, DMat3, DVec3};
 use std::sync::Arc;
@@ -82,6 +83,8 @@ const MAX_PRIMITIVES: usize = 1 << 27;
 /// # Errors
 /// [`BuildError`] names what is not supported.
 pub fn build(description: &d::SceneDescription, spherical: SphericalLights) -> Result<Scene, BuildError> {
+    let moved = origin::moved(description);
+    let description = moved.as_ref().unwrap_or(description);
     let mut builder = Builder {
         description,
         spherical,
@@ -554,7 +557,8 @@ impl Builder<'_> {
                 first_normal[id] = self.geometry.normals.len() as u32;
                 self.geometry.normals.extend(&mesh.normals);
                 let first = self.geometry.vertices.len() as u32;
-                self.geometry.vertices.extend(&mesh.positions);
+                let rounded = |p: &[f64; 3]| p.map(|x| x as f32);
+                self.geometry.vertices.extend(mesh.positions.iter().map(rounded));
                 first
             });
             if self.has_textures() {
@@ -595,8 +599,13 @@ impl Builder<'_> {
         first: u32,
         first_normal: u32,
     ) -> Result<(), BuildError> {
-        let p = corners.map(|k| DVec3::from(mesh.positions[k as usize].map(f64::from)));
+        // As rounded: the plane goes through the corners that rays meet.
+        let p = corners.map(|k| DVec3::from(mesh.positions[k as usize].map(|x| x as f32 as f64)));
         let cross = (p[1] - p[0]).cross(p[2] - p[0]);
+        if cross == DVec3::ZERO {
+            // Nothing is left of it in single precision.
+            return Ok(());
+        }
         let area = 0.5 * cross.length();
         let mut normal = if area > 0.0 { cross / (2.0 * area) } else { DVec3::Z };
         let turned = if mesh.normals.is_empty() {

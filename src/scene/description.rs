@@ -274,7 +274,7 @@ impl Default for Sampler {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Vertex positions.
-    pub positions: Vec<[f32; 3]>,
+    pub positions: Vec<[f64; 3]>,
     /// Vertex normals, unit length, already turned by `ReverseOrientation` and transforms as pbrt does it;
     /// empty, or one for each position.
     pub normals: Vec<[f32; 3]>,

@@ -5,6 +5,7 @@ mod check;
 mod description;
 mod light_images;
 mod opened;
+pub(crate) mod origin;
 mod pose;
 
 pub use build::{BuildError, SphericalLights, build, release_meshes, set_resolution};

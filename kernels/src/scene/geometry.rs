@@ -11,7 +11,8 @@ pub struct GeometryParts {
     pub vertices: Vec<[f32; 3]>,
     /// Three vertex numbers a triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// For each triangle its oriented unit normal, and the product of that with any point of its plane.
+    /// For each triangle its oriented unit normal, and the product of that with any point of its plane. Rays meet triangles
+    /// where their planes are.
     pub planes: Vec<[f32; 4]>,
     /// Vertex normals.
     pub normals: Vec<[f32; 3]>,
@@ -239,13 +240,18 @@ impl Geometry {
 
 #[cfg(test)]
 impl Geometry {
-    /// Triangles that share no vertices, then spheres: what the tests of the trees are about. Planes and tags are not
-    /// what they stand for.
+    /// Triangles that share no vertices, then spheres: what the tests of the trees are about. Tags are not what they stand
+    /// for.
     pub(crate) fn soup(vertices: Vec<[f32; 3]>, spheres: Vec<[f32; 4]>) -> Self {
         let triangles: Vec<_> =
             (0..vertices.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-        let (planes, tags) =
-            (vec![[0.0, 0.0, 1.0, 0.0]; triangles.len()], vec![0; triangles.len() + spheres.len()]);
+        let plane = |corners: &[[f32; 3]]| {
+            let [a, b, c] = core::array::from_fn(|k| glam::DVec3::from(corners[k].map(f64::from)));
+            let n = (b - a).cross(c - a).try_normalize().unwrap_or(glam::DVec3::Z).as_vec3();
+            [n.x, n.y, n.z, n.as_dvec3().dot(a) as f32]
+        };
+        let planes = vertices.chunks_exact(3).map(plane).collect();
+        let tags = vec![0; triangles.len() + spheres.len()];
         let parts = GeometryParts { vertices, triangles, planes, spheres, tags, ..GeometryParts::default() };
         Geometry::new(parts).expect("a soup")
     }

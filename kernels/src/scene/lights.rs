@@ -557,8 +557,23 @@ impl<F: Real> LightSample<F> {
     }
 }
 
-/// Shadow rays stop this much short of the light, relative to the distance, so as not to meet it.
+/// Shadow rays stop this much short of the light, relative to the distance, so as not to meet it: where nothing better is
+/// known, and at most.
 const SHADOW_SHORTENING: f64 = 1e-4;
+
+/// The largest coordinate, without its sign.
+#[inline(always)]
+fn largest<F: Real>(v: Vec3<F>) -> F {
+    v.x.abs().max(v.y.abs()).max(v.z.abs())
+}
+
+/// What rounding does to the distance of a light that a ray meets squarely: some units in the last place of the distance
+/// and of the coordinates of both ends, the one of which is twice off the surface that the ray leaves.
+#[inline(always)]
+fn blur<F: Real>(origin: Vec3<F>, point: Vec3<F>, distance: F) -> F {
+    let sum = distance + largest(point) + largest(origin) * F::lit(2.0);
+    sum * F::lit(12.0 * f32::EPSILON as f64)
+}
 
 /// Half of a cone's opening: `(1 - cos, sin^2)` of the largest angle under which a sphere of radius `r` is seen from
 /// the distance `d2.sqrt()`, without cancellation: 1 - sqrt(1 - x) = x / (1 + sqrt(1 - x)).
@@ -651,8 +666,11 @@ fn sample_sphere<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> Li
     // Distance to the near side.
     let along = to_centre.dot(direction);
     let half_chord = d2.neg_mul_add(sin2, r2).max(F::zero()).sqrt();
-    let slack = sphere_slack(radius, half_chord);
-    let distance = (along - half_chord).mul_add(F::lit(1.0 - SHADOW_SHORTENING), -slack).max(F::zero());
+    // At a slant all errors count for more.
+    let distance = along - half_chord;
+    let slant = radius.abs() / half_chord;
+    let slack = (blur(origin, sphere.centre(), along) * slant).min(distance * F::lit(SHADOW_SHORTENING));
+    let distance = (distance - slack - sphere_slack(radius, half_chord)).max(F::zero());
     // A positive radius emits outwards.
     let emits = radius.gt(F::zero()) | light.two_sided();
     LightSample {
@@ -681,7 +699,7 @@ fn sample_sphere_area<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) 
     let faces = cos.gt(F::zero());
     out.valid = out.valid & ((outside & faces) | (!outside & !faces));
     let slack = F::select(outside, sphere_slack(radius, radius.abs() * cos.abs()), F::zero());
-    out.distance = (out.distance - slack).max(F::zero());
+    out.distance = out.distance.mul_add(F::lit(1.0 - SHADOW_SHORTENING), -slack).max(F::zero());
     out
 }
 
@@ -704,10 +722,15 @@ fn sample_flat<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -> Ligh
     if !light.pictures.is_empty() {
         out.radiance = out.radiance * picture::shown(light, point);
     }
+    // At a slant errors count for more, and on slender triangles: longest edge^2 / (area cos).
+    let distance = out.distance;
+    let slant = e1.length2().max(e2.length2()) * out.pdf / (distance * distance);
+    let slack = (blur(origin, point, distance) * slant).min(distance * F::lit(SHADOW_SHORTENING));
+    out.distance = distance - slack;
     out
 }
 
-/// The sample at `point`, chosen uniformly from `area`.
+/// The sample at `point`, chosen uniformly from `area`, with the whole distance.
 #[inline(always)]
 fn towards_point<F: Real>(
     light: &LightRow<F>,
@@ -724,7 +747,7 @@ fn towards_point<F: Real>(
     let pdf = d2 / (cos.abs() * area);
     LightSample {
         direction,
-        distance: d * F::lit(1.0 - SHADOW_SHORTENING),
+        distance: d,
         radiance: light.radiance(),
         pdf,
         delta: F::Mask::from_bits(0),

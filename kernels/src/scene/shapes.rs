@@ -163,25 +163,31 @@ impl Quadric {
         (low, high)
     }
 
-    /// The point of the surface nearest to `p` (which is near), its oriented unit normal, and the largest number that
-    /// entered.
+    /// The point of the surface nearest to `p` (which is near), its oriented unit normal, and how far off it rays start: more
+    /// than rounding may move along the normal.
     pub fn surface(&self, p: [f32; 3]) -> ([f32; 3], [f32; 3], f32) {
         let m = self.object_from_world.map(|row| row.map(f64::from));
-        let q = p.map(f64::from);
-        let local: [f64; 3] =
-            core::array::from_fn(|i| m[i][0] * q[0] + m[i][1] * q[1] + m[i][2] * q[2] + m[i][3]);
-        // The world gradient is the transposed matrix times that of object space.
-        let (g, gradient) = self.form.surface().equation(local);
-        let world: [f64; 3] = core::array::from_fn(|k| (0..3).map(|i| m[i][k] * gradient[i]).sum());
-        let length2 = world.iter().map(|x| x * x).sum::<f64>();
-        // One Newton step onto the surface, along the normal.
-        let step = if length2 > 0.0 { g / length2 } else { 0.0 };
-        let point = core::array::from_fn(|k| (q[k] - step * world[k]) as f32);
+        let mut q = p.map(f64::from);
+        let mut normal = [0.0; 3];
+        // Two Newton steps onto the surface, along the normal.
+        for _ in 0..2 {
+            let local: [f64; 3] =
+                core::array::from_fn(|i| m[i][0] * q[0] + m[i][1] * q[1] + m[i][2] * q[2] + m[i][3]);
+            // The world gradient is the transposed matrix times that of object space.
+            let (g, gradient) = self.form.surface().equation(local);
+            let world: [f64; 3] = core::array::from_fn(|k| (0..3).map(|i| m[i][k] * gradient[i]).sum());
+            let length2 = world.iter().map(|x| x * x).sum::<f64>();
+            let step = if length2 > 0.0 { g / length2 } else { 0.0 };
+            q = core::array::from_fn(|k| q[k] - step * world[k]);
+            normal = world.map(|x| x / length2.sqrt());
+        }
         let sign = if self.flip_normal { -1.0 } else { 1.0 };
-        let normal = world.map(|x| (sign * x / length2.sqrt()) as f32);
-        let c = self.centre;
-        let size = (0..3).map(|k| c[k].abs().max((p[k] - c[k]).abs())).fold(0.0, f32::max);
-        (point, normal, size)
+        // The point and the start of a ray are rounded; distances are not.
+        let rounding = (0..3).map(|k| (q[k] * normal[k]).abs()).sum::<f64>() * f32::EPSILON as f64;
+        let size =
+            (0..3).map(|k| (self.centre[k] as f64).abs() + (q[k] - self.centre[k] as f64).abs()).sum::<f64>();
+        let error = 4.0 * rounding + 1e-12 * size;
+        (q.map(|x| x as f32), normal.map(|x| (sign * x) as f32), error as f32)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The point where a ray met a surface: put back onto the primitive, with its normals.
 
+use crate::intersect::sphere;
 use crate::lanes::{Mask, Real, Uint, map3};
 use crate::math::Vec3;
 use crate::scene::Geometry;
@@ -7,14 +8,15 @@ use crate::scene::Geometry;
 /// A point on a surface.
 #[derive(Clone, Copy)]
 pub struct Surface<F: Real> {
-    /// The point, on the primitive to within a few units in the last place of `size`.
+    /// The point, on the primitive to within half of `error`.
     pub point: Vec3<F>,
     /// Geometric normal, unit, oriented (its side emits; it points out of a dielectric).
     pub normal: Vec3<F>,
     /// Shading normal, unit, on the side of the geometric normal as the mesh has it.
     pub shading_normal: Vec3<F>,
-    /// Largest coordinate that entered the computation of `point`: what its rounding error is relative to.
-    pub size: F,
+    /// How far off the surface rays start: above the rounding errors, along the normal, of `point`, of their start and of
+    /// the test that must not meet the surface from there.
+    pub error: F,
 }
 
 impl<F: Real> Surface<F> {
@@ -47,20 +49,35 @@ impl<F: Real> Surface<F> {
         let off = a.dot(raw) - b;
         let mut normal = a;
         let mut point = a.mul_add(-off, raw);
-        let mut size = F::zero();
+        // `off` has 3 roundings, the point and the start of a ray 1 each.
+        let mut error = rounding(point, normal) * F::lit(8.0);
         if (!triangle).any() {
             // Sphere: a is the centre, b the radius, negative where the normal points inwards.
-            let outwards = (raw - a).normalize();
-            let on_sphere = outwards.mul_add(b.abs(), a);
+            let radius = b.abs();
+            let mut outwards = (raw - a).normalize();
+            let mut on_sphere = outwards.mul_add(radius, a);
+            // 4 or 5 roundings of the radius in the point, 3 or 4 in the test of the sphere.
+            let mut of_sphere =
+                (radius * F::lit(8.0 * ROUNDING)) + rounding(on_sphere, outwards) * F::lit(4.0);
+            // On large spheres close to the origin, points are known better than their place relative to the centre.
+            let size = a.x.abs().max(a.y.abs()).max(a.z.abs()) + radius;
+            let near = raw.x.abs().max(raw.y.abs()).max(raw.z.abs());
+            let doubtful = !triangle & (near * F::lit(64.0)).lt(size);
+            if doubtful.any() {
+                (outwards, on_sphere) = on_large_spheres(doubtful, raw, a, radius, (outwards, on_sphere));
+                let of_point = rounding(on_sphere, outwards)
+                    .mul_add(F::lit(8.0), size * F::lit(sphere::DOUBLE_ROUNDING));
+                of_sphere = F::select(doubtful, of_point, of_sphere);
+            }
             point = Vec3::select(triangle, point, on_sphere);
             normal = Vec3::select(triangle, normal, outwards.xor_sign(b));
-            let of_sphere = a.x.abs().max(a.y.abs()).max(a.z.abs()).max(b.abs());
-            size = F::select(triangle, size, of_sphere);
+            error = F::select(triangle, error, of_sphere);
         }
         if !geometry.quadrics().is_empty() {
             let quadric = !primitive.lt(F::Uint::splat(geometry.first_quadric()));
             if quadric.any() {
-                (point, normal, size) = on_quadrics(geometry, quadric, primitive, raw, (point, normal, size));
+                (point, normal, error) =
+                    on_quadrics(geometry, quadric, primitive, raw, (point, normal, error));
             }
         }
         let mut shading_normal = normal;
@@ -75,18 +92,52 @@ impl<F: Real> Surface<F> {
                 shading_normal = Vec3::select(smooth, n, normal);
             }
         }
-        let size = size.max(point.x.abs()).max(point.y.abs()).max(point.z.abs());
-        Surface { point, normal, shading_normal, size }
+        Surface { point, normal, shading_normal, error }
     }
 
     /// Where a ray in `direction` starts: off the surface, to the side into which it leaves, by more than the
     /// rounding error of the point. No constant epsilon: scenes of any scale work.
     #[inline(always)]
     pub fn leave(&self, direction: Vec3<F>) -> Vec3<F> {
-        // 16 units in the last place cover the errors of projection (4) and of this sum, with a margin.
-        let distance = self.size * F::lit(16.0 / 16_777_216.0);
-        self.normal.mul_add(distance.xor_sign(self.normal.dot(direction)), self.point)
+        self.normal.mul_add(self.error.xor_sign(self.normal.dot(direction)), self.point)
     }
+}
+
+/// Half of a unit in the last place of 1: the largest relative error of one rounding.
+const ROUNDING: f64 = f32::EPSILON as f64 * 0.5;
+
+/// How far rounding a point moves it along the normal, at most.
+#[inline(always)]
+fn rounding<F: Real>(point: Vec3<F>, normal: Vec3<F>) -> F {
+    let sum = (point.x * normal.x).abs() + (point.y * normal.y).abs() + (point.z * normal.z).abs();
+    sum * F::lit(ROUNDING)
+}
+
+/// Outward normals and points of some lanes on spheres, in double precision.
+#[cold]
+#[inline(never)]
+fn on_large_spheres<F: Real>(
+    lanes: F::Mask,
+    raw: Vec3<F>,
+    centre: Vec3<F>,
+    radius: F,
+    others: (Vec3<F>, Vec3<F>),
+) -> (Vec3<F>, Vec3<F>) {
+    let arrays = |v: Vec3<F>| [v.x.to_array(), v.y.to_array(), v.z.to_array()];
+    let (raw, centre, radius) = (arrays(raw), arrays(centre), radius.to_array());
+    let (mut normal, mut point) = (arrays(others.0), arrays(others.1));
+    for i in (0..F::LANES).filter(|i| lanes.bits() >> i & 1 == 1) {
+        let from: [f64; 3] = core::array::from_fn(|k| raw[k][i] as f64 - centre[k][i] as f64);
+        let length = from.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let off = length - radius[i] as f64;
+        for k in 0..3 {
+            let n = from[k] / length;
+            normal[k][i] = n as f32;
+            point[k][i] = (raw[k][i] as f64 - off * n) as f32;
+        }
+    }
+    let vector = |a: &[[f32; 16]; 3]| Vec3::new(F::load(&a[0], 0), F::load(&a[1], 0), F::load(&a[2], 0));
+    (vector(&normal), vector(&point))
 }
 
 /// Unit normal between those of the corners.
@@ -115,21 +166,21 @@ fn on_quadrics<F: Real>(
     raw: Vec3<F>,
     others: (Vec3<F>, Vec3<F>, F),
 ) -> (Vec3<F>, Vec3<F>, F) {
-    let (point, normal, size) = others;
+    let (point, normal, error) = others;
     let ids = primitive.to_array();
     let mut p = [point.x.to_array(), point.y.to_array(), point.z.to_array()];
     let mut n = [normal.x.to_array(), normal.y.to_array(), normal.z.to_array()];
-    let mut s = size.to_array();
+    let mut e = error.to_array();
     let r = [raw.x.to_array(), raw.y.to_array(), raw.z.to_array()];
     for i in (0..F::LANES).filter(|i| lanes.bits() >> i & 1 == 1) {
         let quadric = &geometry.quadrics()[(ids[i] - geometry.first_quadric()) as usize];
-        let (point, normal, size) = quadric.surface([r[0][i], r[1][i], r[2][i]]);
+        let (point, normal, error) = quadric.surface([r[0][i], r[1][i], r[2][i]]);
         for axis in 0..3 {
             p[axis][i] = point[axis];
             n[axis][i] = normal[axis];
         }
-        s[i] = size;
+        e[i] = error;
     }
     let vector = |a: &[[f32; 16]; 3]| Vec3::new(F::load(&a[0], 0), F::load(&a[1], 0), F::load(&a[2], 0));
-    (vector(&p), vector(&n), F::load(&s, 0))
+    (vector(&p), vector(&n), F::load(&e, 0))
 }

@@ -80,7 +80,7 @@ impl ShapeTotals {
     fn add(&mut self, triangles: usize, vertices: usize, span: Span) -> Result<()> {
         // A vertex with normal and uv; three indices; the shape itself.
         let bytes = (vertices as u64)
-            .saturating_mul(32)
+            .saturating_mul(44)
             .saturating_add((triangles as u64).saturating_mul(12))
             .saturating_add(size_of::<Shape>() as u64);
         self.triangles = self.triangles.saturating_add(triangles as u64);
@@ -853,10 +853,11 @@ fn groups<const N: usize>(numbers: &[f64]) -> Vec<[f64; N]> {
     numbers.as_chunks::<N>().0.to_vec()
 }
 
-fn world_positions(source: &SourceMesh, transform: &DAffine3, span: Span) -> Result<Vec<[f32; 3]>> {
-    let to_world = |p: &[f64; 3]| transform.transform_point3(DVec3::from_array(*p)).as_vec3();
-    let mut positions: Vec<[f32; 3]> = source.positions.iter().map(|p| to_world(p).to_array()).collect();
-    let is_finite = |p: &[f32; 3]| p.iter().all(|c| c.is_finite());
+fn world_positions(source: &SourceMesh, transform: &DAffine3, span: Span) -> Result<Vec<[f64; 3]>> {
+    let to_world = |p: &[f64; 3]| transform.transform_point3(DVec3::from_array(*p));
+    let mut positions: Vec<[f64; 3]> = source.positions.iter().map(|p| to_world(p).to_array()).collect();
+    // In the single precision of the tables.
+    let is_finite = |p: &[f64; 3]| p.iter().all(|&c| (c as f32).is_finite());
     if positions.iter().all(is_finite) {
         return Ok(positions);
     }
@@ -878,8 +879,8 @@ fn world_normals(source: &SourceMesh, transform: &DAffine3, reverse: bool) -> Ve
     source.normals.iter().map(to_world).collect()
 }
 
-fn has_area(positions: &[[f32; 3]], triangle: &[u32; 3]) -> bool {
-    let [a, b, c] = triangle.map(|i| DVec3::from_array(positions[i as usize].map(f64::from)));
+fn has_area(positions: &[[f64; 3]], triangle: &[u32; 3]) -> bool {
+    let [a, b, c] = triangle.map(|i| DVec3::from_array(positions[i as usize]));
     // The squares of tiny triangles would underflow: compare with 0 by component.
     (b - a).cross(c - a) != DVec3::ZERO
 }

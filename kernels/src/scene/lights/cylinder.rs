@@ -3,7 +3,7 @@
 //! From outside the near wall hides the inside of the far one, and what of the outside looks away is left out by its
 //! normal; what of the inside is seen through the ends, shadow rays find out.
 
-use super::{LightRow, LightSample, sphere_slack, towards_point};
+use super::{LightRow, LightSample, SHADOW_SHORTENING, sphere_slack, towards_point};
 use crate::lanes::Real;
 use crate::math::Vec3;
 use crate::scene::rows::row;
@@ -44,7 +44,8 @@ pub(super) fn sample<F: Real>(light: &LightRow<F>, origin: Vec3<F>, u: [F; 2]) -
     let normal = outwards.scale(radius.recip()).xor_sign(row.side());
     let mut out = towards_point(light, origin, point, normal, area);
     let cos = normal.dot(out.direction).abs();
-    out.distance = (out.distance - sphere_slack(radius, radius * cos)).max(F::zero());
+    let slack = sphere_slack(radius, radius * cos);
+    out.distance = out.distance.mul_add(F::lit(1.0 - SHADOW_SHORTENING), -slack).max(F::zero());
     out
 }
 
