@@ -328,6 +328,24 @@ fn files_of_the_scene_are_known_by_their_bytes() {
     assert!(what.contains("part.pbrt"), "{what}");
 }
 
+/// Pictures made in code have no file: they are known by their texels.
+#[test]
+fn pictures_are_known_by_their_texels() {
+    use wavepath::picture::{Raster, RasterSamples};
+    use wavepath::scene::SceneDescription;
+    let scene = |light: u8| {
+        let film = wavepath::scene::Film::whole(8, 8);
+        let mut description = SceneDescription { film, ..SceneDescription::default() };
+        let picture = Raster::new(1, 1, 1, RasterSamples::Bytes(vec![light])).unwrap();
+        description.add_light_image(Arc::new(picture));
+        Scene::new("made", description).unwrap()
+    };
+    let [a, b, again] = [scene(1), scene(2), scene(1)];
+    let identity = |scene: &Scene| scene.identity().unwrap().clone();
+    assert_eq!(identity(&a).changes(&identity(&b)), ["pictures of lights"]);
+    assert!(identity(&a).changes(&identity(&again)).is_empty());
+}
+
 #[test]
 fn what_does_not_belong_together_is_refused() {
     let folder = Folder::new("refused");

@@ -189,7 +189,8 @@ const OF_ONE_RUN: [&str; 11] = [
 ];
 
 /// The same without a value.
-const OF_ONE_RUN_ALONE: [&str; 5] = ["--tiles", "--resume-if-there", "--quiet", "-q", "--no-clobber"];
+const OF_ONE_RUN_ALONE: [&str; 6] =
+    ["--tiles", "--resume-if-there", "--checkpoint-until-done", "--quiet", "-q", "--no-clobber"];
 
 /// The words of a command line behind `render` that other parts of the same render have, too.
 pub(super) fn common_words(words: impl Iterator<Item = String>) -> Vec<String> {

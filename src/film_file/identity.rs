@@ -2,13 +2,15 @@
 
 use crate::picture::RasterSamples;
 use crate::scene::{Mesh, Scene, SceneDescription, SphericalLights};
+use half::slice::HalfFloatSliceExt;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
 use std::fs::File;
 use std::io;
 use std::path::Path;
-use wavepath_kernels::texture::{ImageParts, Texels};
+use std::sync::Arc;
+use wavepath_kernels::texture::{Image, ImageParts, Texels};
 use xxhash_rust::xxh3::Xxh3;
 
 /// What a picture depends on beside what the film's header says: the scene as it was understood, and the files that it was
@@ -26,15 +28,30 @@ pub struct Identity {
 
 impl Identity {
     /// Of a scene. Reads its files, which takes a while if they are large; [`Scene::identity`] does so once.
-    pub(crate) fn of(scene: &Scene, meshes: u128, spherical_lights: SphericalLights) -> io::Result<Identity> {
+    pub(crate) fn of(
+        scene: &Scene,
+        contents: Contents,
+        spherical_lights: SphericalLights,
+    ) -> io::Result<Identity> {
         let mut description = scene.description().clone();
-        // What is in the film's header, or changes no sample. (Contents of files that would be long to print can be left out,
-        // too: the files are known by their bytes. Meshes are empty here.)
+        // Known by their texels, which would be long to print.
+        let images = std::mem::take(&mut description.images);
+        // What is in the film's header, or changes no sample.
         description.film.filename = None;
         description.film.half = false;
         description.sampler = Default::default();
-        let SceneDescription { camera, film, filter, max_depth, shapes, materials, lights, .. } =
-            &description;
+        let SceneDescription {
+            camera,
+            film,
+            filter,
+            max_depth,
+            shapes,
+            materials,
+            textures,
+            reliefs,
+            lights,
+            ..
+        } = &description;
         let mut parts: BTreeMap<String, String> = [
             ("camera", hash_of(camera)),
             ("film", format!("{:?}, pixels {:?}", film.resolution, film.pixel_bounds)),
@@ -43,7 +60,11 @@ impl Identity {
             ("shapes", hash_of(shapes)),
             ("materials", hash_of(materials)),
             ("lights", hash_of(lights)),
-            ("meshes", hex(meshes)),
+            ("meshes", hex(contents.meshes)),
+            ("pictures of lights", hex(contents.pictures)),
+            ("pictures of textures", hash_of_images(&images)),
+            ("textures", hash_of(textures)),
+            ("reliefs", hash_of(reliefs)),
             ("spherical lights", format!("{spherical_lights:?}").to_lowercase()),
             // Whatever else there is.
             ("scene", hash_of(&description)),
@@ -123,51 +144,79 @@ fn hex(hash: u128) -> String {
     format!("{hash:032x}")
 }
 
-/// Of the vertices and triangles of all meshes, and of the images of lights and textures.
-pub(crate) fn hash_of_meshes(description: &SceneDescription) -> u128 {
-    let mut hasher = Xxh3::new();
-    for Mesh { positions, normals, uvs, triangles } in &description.meshes {
-        let arrays: [&[u8]; 4] = [
-            bytemuck::cast_slice(positions),
-            bytemuck::cast_slice(normals),
-            bytemuck::cast_slice(uvs),
-            bytemuck::cast_slice(triangles),
-        ];
-        for array in arrays {
-            hasher.update(&(array.len() as u64).to_le_bytes());
-            hasher.update(array);
+/// Hashes of what is long in a description, and is let go of when the tables are built.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Contents {
+    meshes: u128,
+    pictures: u128,
+}
+
+impl Contents {
+    pub(crate) fn of(description: &SceneDescription) -> Contents {
+        // Fields that are added are to be thought of here: what is let go of does not show in what is left.
+        let SceneDescription {
+            meshes,
+            light_images,
+            camera: _,
+            film: _,
+            filter: _,
+            sampler: _,
+            max_depth: _,
+            shapes: _,
+            materials: _,
+            lights: _,
+            // Is in what is left.
+            textures: _,
+            reliefs: _,
+            images: _,
+        } = description;
+        let mut of_meshes = Xxh3::new();
+        for Mesh { positions, normals, uvs, triangles } in meshes {
+            add(&mut of_meshes, bytemuck::cast_slice(positions));
+            add(&mut of_meshes, bytemuck::cast_slice(normals));
+            add(&mut of_meshes, bytemuck::cast_slice(uvs));
+            add(&mut of_meshes, bytemuck::cast_slice(triangles));
         }
-    }
-    for image in &description.light_images {
-        for size in [image.width(), image.height(), image.channels().into()] {
-            hasher.update(&size.to_le_bytes());
-        }
-        match image.samples() {
-            RasterSamples::Bytes(samples) => hasher.update(samples),
-            RasterSamples::Words(samples) => hasher.update(bytemuck::cast_slice(samples)),
-            RasterSamples::Halves(samples) => {
-                samples.iter().for_each(|sample| hasher.update(&sample.to_bits().to_le_bytes()));
+        let mut of_pictures = Xxh3::new();
+        for picture in light_images {
+            let size = [picture.width(), picture.height(), picture.channels().into()];
+            add(&mut of_pictures, bytemuck::cast_slice(&size));
+            match picture.samples() {
+                RasterSamples::Bytes(samples) => add(&mut of_pictures, samples),
+                RasterSamples::Words(samples) => add(&mut of_pictures, bytemuck::cast_slice(samples)),
+                RasterSamples::Halves(samples) => {
+                    add(&mut of_pictures, bytemuck::cast_slice(samples.reinterpret_cast()));
+                }
+                RasterSamples::Floats(samples) => add(&mut of_pictures, bytemuck::cast_slice(samples)),
             }
-            RasterSamples::Floats(samples) => hasher.update(bytemuck::cast_slice(samples)),
         }
+        Contents { meshes: of_meshes.digest128(), pictures: of_pictures.digest128() }
     }
-    for image in &description.images {
+}
+
+/// Of the pictures of textures.
+fn hash_of_images(images: &[Arc<Image>]) -> String {
+    let mut hasher = Xxh3::new();
+    for image in images {
         let ImageParts { width, height, channels, texels } = image.parts();
-        for size in [width, height, channels] {
-            hasher.update(&size.to_le_bytes());
-        }
+        add(&mut hasher, bytemuck::cast_slice(&[*width, *height, *channels]));
         match texels {
             Texels::U8(texels, encoding) => {
-                hasher.update(format!("{encoding:?}").as_bytes());
-                hasher.update(texels);
+                add(&mut hasher, format!("8 {encoding:?}").as_bytes());
+                add(&mut hasher, texels);
             }
             Texels::U16(texels, encoding) => {
-                hasher.update(format!("{encoding:?}").as_bytes());
-                hasher.update(bytemuck::cast_slice(texels));
+                add(&mut hasher, format!("16 {encoding:?}").as_bytes());
+                add(&mut hasher, bytemuck::cast_slice(texels));
             }
-            Texels::F16(texels) => hasher.update(bytemuck::cast_slice(texels)),
-            Texels::F32(texels) => hasher.update(bytemuck::cast_slice(texels)),
+            Texels::F16(texels) => add(&mut hasher, bytemuck::cast_slice(texels)),
+            Texels::F32(texels) => add(&mut hasher, bytemuck::cast_slice(texels)),
         }
     }
-    hasher.digest128()
+    hex(hasher.digest128())
+}
+
+fn add(hasher: &mut Xxh3, bytes: &[u8]) {
+    hasher.update(&(bytes.len() as u64).to_le_bytes());
+    hasher.update(bytes);
 }

@@ -36,8 +36,8 @@ mod identity;
 pub use checkpoint::{Checkpoint, DEFAULT_INTERVAL};
 pub(crate) use checkpoint::{Checkpoints, Progress};
 pub use gaps::{Gap, Holding};
+pub(crate) use identity::Contents;
 pub use identity::Identity;
-pub(crate) use identity::hash_of_meshes;
 
 use crate::atomic_file;
 use crate::engine::session::Round;

@@ -2,7 +2,7 @@
 
 use super::{BuildError, SceneDescription, SphericalLights, build, release_meshes, set_resolution};
 use crate::engine::{EngineKind, Tree};
-use crate::film_file::{Identity, hash_of_meshes};
+use crate::film_file::{Contents, Identity};
 use crate::pbrt::{self, Diagnostic, LoadOptions, Override};
 use crate::plan::Plan;
 use std::io;
@@ -36,7 +36,7 @@ pub struct Scene {
     plan: Plan,
     setup: Vec<(&'static str, Duration)>,
     spherical_lights: SphericalLights,
-    meshes_hash: u128,
+    contents: Contents,
     identity: OnceLock<Identity>,
 }
 
@@ -143,7 +143,7 @@ impl Scene {
             Ok(tables) => tables,
             Err(error) => return Err(SceneError::Build { name, error }.into()),
         };
-        let meshes_hash = hash_of_meshes(&description);
+        let contents = Contents::of(&description);
         release_meshes(&mut description);
         let plan = Plan::new(&tables);
         let setup = vec![("reading", reading - meshes), ("meshes", meshes), ("tables", started.elapsed())];
@@ -158,7 +158,7 @@ impl Scene {
             plan,
             setup,
             spherical_lights,
-            meshes_hash,
+            contents,
             identity,
         })
     }
@@ -187,7 +187,7 @@ impl Scene {
         if let Some(identity) = self.identity.get() {
             return Ok(identity);
         }
-        let identity = Identity::of(self, self.meshes_hash, self.spherical_lights)?;
+        let identity = Identity::of(self, self.contents, self.spherical_lights)?;
         Ok(self.identity.get_or_init(|| identity))
     }
     /// What was set in place of what the files say.
