@@ -16,7 +16,7 @@ if [ "${1:-}" = large ]; then
     mkdir -p meshes/generated
     sed -n 's/^# made by: wavepath mesh //p' ./*.pbrt | while read -r line; do
         # shellcheck disable=SC2086 # words of a command
-        mesh $line </dev/null
+        $WAVEPATH mesh $line </dev/null
     done
     exit
 fi

@@ -76,7 +76,7 @@ pub struct RenderArgs {
     #[arg(long, value_enum, default_value_t = SphericalLightsArg::Cone, help_heading = QUALITY)]
     pub spherical_lights: SphericalLightsArg,
 
-    /// Image to write, linear (.exr) or for screens (.png), or its film (.film); may be given more than once; - is standard
+    /// Image to write, linear (.exr) or for screens (.png), or film (.film); may be given more than once; - is standard
     /// output, png:- the same as PNG [default: the name in the scene's film, else the scene's name with .exr, here; that
     /// replaces an earlier picture of this scene only]
     #[arg(short, long, value_name = "OUT.exr|OUT.png|OUT.film", help_heading = OUTPUT)]
