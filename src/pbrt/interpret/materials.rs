@@ -370,12 +370,16 @@ impl Builder {
         let Some(value) = self.surface_spectrum(parameters, name)? else {
             return Ok([default; 3]);
         };
+        Ok(self.clamped(parameters, name, value))
+    }
+
+    fn clamped(&mut self, parameters: &Parameters, name: &'static str, value: Rgb64) -> Rgb64 {
         let clamped = value.map(|c| c.clamp(0.0, 1.0));
         if clamped != value {
             let found = format!("outside [0, 1]: {} {} {}", value[0], value[1], value[2]);
             self.warn(parameters.bad(name, &found, "it is clamped"));
         }
-        Ok(clamped)
+        clamped
     }
 
     /// A share of light, clamped to [0, 1]: that of a texture where it is evaluated.
@@ -385,10 +389,11 @@ impl Builder {
         name: &'static str,
         default: f64,
     ) -> Result<Parameter<Rgb64>> {
-        match self.spectrum_parameter(parameters, name)? {
-            Some(Parameter::Texture(id)) => Ok(Parameter::Texture(id)),
-            _ => Ok(Parameter::Constant(self.reflectance(parameters, name, default)?)),
-        }
+        Ok(match self.spectrum_parameter(parameters, name)? {
+            Some(Parameter::Texture(id)) => Parameter::Texture(id),
+            Some(Parameter::Constant(value)) => Parameter::Constant(self.clamped(parameters, name, value)),
+            None => Parameter::Constant([default; 3]),
+        })
     }
 
     fn diffuse(&mut self, parameters: &Parameters, name: &'static str) -> Result<Material> {
