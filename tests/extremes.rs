@@ -160,28 +160,3 @@ fn lamps_behind_screens() {
         }
     }
 }
-
-/// A mirror box of 12 triangles keeps in what is in it.
-#[test]
-fn a_closed_box_does_not_leak() {
-    for half in [1e-3, 1.0, 77.7, 1e5] {
-        let corners: String = (0..8)
-            .map(|k| [0, 1, 2].map(|axis| if k >> (2 - axis) & 1 == 0 { -half } else { half }))
-            .map(|[x, y, z]| format!("{x} {y} {z} "))
-            .collect();
-        let text = format!(
-            "{}{SKY}\nMaterial \"conductor\" \"rgb eta\" [1 1 1] \"rgb k\" [1e6 1e6 1e6]\n\
-             Shape \"trianglemesh\" \"point3 P\" [{corners}] \"integer indices\" \
-             [0 2 3 0 3 1 4 5 7 4 7 6 0 1 5 0 5 4 2 6 7 2 7 3 0 4 6 0 6 2 1 3 7 1 7 5]\n",
-            view(
-                [0.01 * half, 0.02 * half, 0.03 * half],
-                [0.3 * half, 0.4 * half, 0.9 * half],
-                60.0,
-                16,
-                16,
-                100
-            ),
-        );
-        assert_mean(&format!("a box of {half}"), &text, 0.0, 0.0);
-    }
-}

@@ -25,14 +25,6 @@ type Ray = ([f32; 3], [f32; 3]);
 
 const EPSILON: f64 = f32::EPSILON as f64;
 
-/// The plane of a triangle, as tables have it.
-fn plane(corners: &Triangle) -> [f32; 4] {
-    let [a, b, c] = corners.map(wide);
-    let n = normalize(cross(sub(b, a), sub(c, a)));
-    let [x, y, z] = narrow(n);
-    [x, y, z, dot(wide([x, y, z]), a) as f32]
-}
-
 /// Tables of some primitives, without materials.
 fn geometry(triangles: &[Triangle], spheres: &[[f32; 4]], quadrics: &[Quadric]) -> Geometry {
     let mut g = GeometryParts {
@@ -45,7 +37,10 @@ fn geometry(triangles: &[Triangle], spheres: &[[f32; 4]], quadrics: &[Quadric]) 
         let first = g.vertices.len() as u32;
         g.vertices.extend(corners);
         g.triangles.push([first, first + 1, first + 2]);
-        g.planes.push(plane(corners));
+        let [a, b, c] = corners.map(wide);
+        let n = normalize(cross(sub(b, a), sub(c, a)));
+        let [x, y, z] = narrow(n);
+        g.planes.push([x, y, z, dot(n, a) as f32]);
     }
     Geometry::new(g).unwrap()
 }
@@ -55,7 +50,7 @@ fn brute_force(g: &Geometry, (origin, direction): Ray, t_max: f32) -> Hit {
     let sheared = ShearedRay::new(origin, direction);
     for p in 0..g.primitives() as u32 {
         if p < g.first_sphere() {
-            test_triangle(g, &g.corners(p as usize), p, &sheared, &mut hit);
+            test_triangle(&g.corners(p as usize), p, &sheared, &mut hit);
         } else {
             test_round(g, p, origin, direction, &mut hit);
         }
@@ -214,13 +209,7 @@ fn inside(random: &mut Random, corners: &Triangle) -> [f64; 3] {
 /// Single precision and its lanes against double-precision geometry: whether it hits, wherever that can be told, and
 /// the distance.
 fn assert_triangle(what: &str, corners: &Triangle, ray: Ray) {
-    let hit = triangle::intersect::<f32>(
-        &ShearedRay::new(ray.0, ray.1),
-        corners,
-        &plane(corners),
-        &[0],
-        f32::INFINITY,
-    );
+    let hit = triangle::intersect::<f32>(&ShearedRay::new(ray.0, ray.1), &corners.map(|c| c), f32::INFINITY);
     let [a, b, c] = corners.map(|c| sub(wide(c), wide(ray.0)));
     let d = wide(ray.1);
     // Signed volumes of the ray with each edge, over the length of the edge: distances of the ray from the edges.
@@ -342,13 +331,10 @@ fn wide_triangles_equal_one() {
                 [0, 1, 2]
                     .map(|axis| F::load(&core::array::from_fn::<f32, 16, _>(|i| triangles[i][k][axis]), 0))
             });
-            let planes = triangles.map(|corners| plane(&corners));
-            let numbers: [u32; 16] = core::array::from_fn(|i| i as u32);
-            let many =
-                triangle::intersect::<F>(&sheared, &corners, planes.as_flattened(), &numbers, F::splat(4.0));
+            let many = triangle::intersect::<F>(&sheared, &corners, F::splat(4.0));
             use wavepath_kernels::lanes::Mask;
             for (i, corners) in triangles.iter().enumerate().take(F::LANES) {
-                let one = triangle::intersect::<f32>(&sheared, corners, &plane(corners), &[0], 4.0);
+                let one = triangle::intersect::<f32>(&sheared, corners, 4.0);
                 assert_eq!(many.hit.bits() >> i & 1 == 1, one.hit);
                 if one.hit {
                     let lane = |x: F| x.to_array()[i];
@@ -567,7 +553,7 @@ fn rays_that_leave_a_surface_do_not_meet_it_again() {
             let ray = ray(from, target);
             let mut hit = Hit::none(f32::INFINITY);
             let query = |origin: [f32; 3], direction: [f32; 3], hit: &mut Hit| match primitive {
-                0 => test_triangle(&g, &triangle, 0, &ShearedRay::new(origin, direction), hit),
+                0 => test_triangle(&triangle, 0, &ShearedRay::new(origin, direction), hit),
                 p => test_round(&g, p, origin, direction, hit),
             };
             query(ray.0, ray.1, &mut hit);
@@ -813,51 +799,6 @@ fn random_rays(random: &mut Random, n: usize, half: f64) -> Vec<Ray> {
             (narrow(origin), narrow(random.direction()))
         })
         .collect()
-}
-
-/// A ray meets the triangle that it starts close above, however far that goes on: at the right distance, and not from
-/// below.
-#[test]
-fn large_triangles_are_met_close_by() {
-    let mut random = Random::new(31);
-    for size in [1e1, 1e3, 1e6, 1e9, 1e12, 1e15f64] {
-        for _ in 0..3_000 {
-            let height = random.magnitude(1e-3, 1.0) as f32;
-            let corner = |x: f64, z: f64| narrow([x * size, 0.0, z * size]);
-            let floor = [corner(-1.0, -1.0), corner(1.5, -1.0), corner(0.1, 2.0)];
-            let down = narrow(normalize([random.unit() - 0.5, -0.1 - random.unit(), random.unit() - 0.5]));
-            let origin = [random.unit() as f32, height, random.unit() as f32];
-            let ray = ShearedRay::new(origin, down);
-            let hit = triangle::intersect::<f32>(&ray, &floor, &plane(&floor), &[0], f32::INFINITY);
-            let want = height as f64 / -down[1] as f64;
-            assert!(hit.hit, "size {size}, {origin:?} {down:?}");
-            assert!((hit.t as f64 - want).abs() < 1e-5 * want, "size {size}: {}, not {want}", hit.t);
-            let up = ShearedRay::new(origin, down.map(|x| -x));
-            assert!(!triangle::intersect::<f32>(&up, &floor, &plane(&floor), &[0], f32::INFINITY).hit);
-        }
-    }
-}
-
-/// The same triangle and ray at all scales: no product leaves the range of numbers.
-#[test]
-fn triangles_of_all_scales() {
-    let mut random = Random::new(32);
-    for exponent in -50..=50 {
-        let scale = (exponent as f32).exp2();
-        for _ in 0..200 {
-            let [a, b, c, mut o] = [0; 4].map(|_| [0; 3].map(|_| random.unit() as f32 - 0.5));
-            o[2] += 3.0;
-            let inside = [0, 1, 2].map(|k| 0.4 * a[k] as f64 + 0.3 * b[k] as f64 + 0.3 * c[k] as f64);
-            let direction = narrow(normalize(sub(inside, wide(o))));
-            let met = |scale: f32| {
-                let corners = [a, b, c].map(|p| p.map(|x| x * scale));
-                let ray = ShearedRay::new(o.map(|x| x * scale), direction);
-                triangle::intersect::<f32>(&ray, &corners, &plane(&corners), &[0], f32::INFINITY)
-            };
-            let (one, other) = (met(1.0), met(scale));
-            assert_eq!((one.hit, one.t * scale), (other.hit, other.t), "scale 2^{exponent}");
-        }
-    }
 }
 
 #[test]

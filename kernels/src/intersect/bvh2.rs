@@ -125,7 +125,7 @@ impl<'a> NaiveBvh<'a> {
             for place in first..first + node.prim_count as usize {
                 let primitive = self.tree.primitive_indices[place];
                 if primitive < self.geometry.first_sphere() {
-                    test_triangle(self.geometry, &self.corners[place], primitive, &sheared, &mut hit);
+                    test_triangle(&self.corners[place], primitive, &sheared, &mut hit);
                 } else {
                     test_round(self.geometry, primitive, origin, direction, &mut hit);
                 }

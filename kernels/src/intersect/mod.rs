@@ -284,14 +284,8 @@ impl<A: Accelerator> Kernel for Occluded<'_, A> {
 
 /// Tests one triangle and keeps the better hit.
 #[inline(always)]
-pub fn test_triangle(
-    geometry: &Geometry,
-    corners: &[[f32; 3]; 3],
-    primitive: u32,
-    ray: &ShearedRay,
-    hit: &mut Hit,
-) {
-    let h = triangle::intersect::<f32>(ray, corners, geometry.surfaces(), &[primitive], hit.t);
+pub fn test_triangle(corners: &[[f32; 3]; 3], primitive: u32, ray: &ShearedRay, hit: &mut Hit) {
+    let h = triangle::intersect::<f32>(ray, corners, hit.t);
     if h.hit && hit.yields_to(h.t, primitive) {
         *hit = Hit { t: h.t, primitive, u: h.u, v: h.v };
     }

@@ -12,6 +12,8 @@ use core::slice;
 /// A ray on its way through the tree.
 #[derive(Clone, Copy)]
 pub(super) struct Walk {
+    origin: [f32; 3],
+    direction: [f32; 3],
     inverse: [f32; 3],
     sheared: ShearedRay,
     /// Which of the two sides of an axis the ray meets first, as a row of [`super::Node::bounds`].
@@ -33,6 +35,8 @@ impl Walk {
         let inverse = map3!(direction, |x| inverse(x));
         let [x, y, z] = map3!(inverse, |x| (x < 0.0) as usize);
         Walk {
+            origin,
+            direction,
             inverse,
             sheared: ShearedRay::new(origin, direction),
             near: [x, 2 + y, 4 + z],
@@ -93,7 +97,7 @@ impl Bvh8<'_> {
                 let far = map3!(ray.near, |row| node.bounds.get_unchecked(row ^ 1));
                 (node, near, far)
             };
-            let origin = map3!(ray.sheared.ray.0, |x| I::Eight::splat(x));
+            let origin = map3!(ray.origin, |x| I::Eight::splat(x));
             let inverse = map3!(ray.inverse, |x| I::Eight::splat(x));
             // (side - origin) * inverse, not a fused side * inverse - origin * inverse: that cancels for rays almost
             // parallel to an axis.
@@ -133,7 +137,7 @@ impl Bvh8<'_> {
                 return true;
             }
         } else {
-            self.leaf::<I, ANY>(ray.current, &ray.sheared, &mut ray.hit);
+            self.leaf::<I, ANY>(ray.current, &ray.sheared, ray.origin, ray.direction, &mut ray.hit);
             if ANY && ray.hit.primitive != MISS {
                 return false;
             }
@@ -152,11 +156,17 @@ impl Bvh8<'_> {
     }
 
     #[inline(always)]
-    fn leaf<I: Isa, const ANY: bool>(&self, leaf: Child, sheared: &ShearedRay, hit: &mut Hit) {
+    fn leaf<I: Isa, const ANY: bool>(
+        &self,
+        leaf: Child,
+        sheared: &ShearedRay,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        hit: &mut Hit,
+    ) {
         match leaf.kind() {
             LeafKind::Blocks => {}
             LeafKind::Others => {
-                let (origin, direction) = sheared.ray;
                 for place in leaf.range() {
                     test_round(self.geometry, self.round[place], origin, direction, hit);
                 }
@@ -172,13 +182,7 @@ impl Bvh8<'_> {
                 }));
                 (block, corners)
             };
-            let found = triangle::intersect_permuted::<I::Four>(
-                sheared,
-                corners,
-                self.geometry.surfaces(),
-                &block.primitive,
-                I::Four::splat(hit.t),
-            );
+            let found = triangle::intersect_permuted::<I::Four>(sheared, corners, I::Four::splat(hit.t));
             let mut lanes = found.hit.bits();
             if lanes == 0 {
                 continue;

@@ -135,18 +135,10 @@ impl Bvh8<'_> {
                     let block = unsafe { self.blocks.get_unchecked(place) };
                     let triangles = block.triangles();
                     if let Some(axis) = packet.few(mask.count(), triangles) {
-                        packet.block(
-                            self.geometry.surfaces(),
-                            block,
-                            axis,
-                            mask,
-                            distance,
-                            &mut Free(&mut free),
-                        );
+                        packet.block(block, axis, mask, distance, &mut Free(&mut free));
                     } else {
                         for lane in 0..triangles {
-                            free &=
-                                !packet.triangle(self.geometry.surfaces(), block, lane, distance).hit.bits();
+                            free &= !packet.triangle(block, lane, distance).hit.bits();
                         }
                     }
                 }

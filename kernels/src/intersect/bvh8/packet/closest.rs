@@ -175,11 +175,11 @@ impl Bvh8<'_> {
             let block = unsafe { self.blocks.get_unchecked(place) };
             let triangles = block.triangles();
             if let Some(axis) = packet.few(rays.count(), triangles) {
-                packet.block(self.geometry.surfaces(), block, axis, rays, far, &mut best);
+                packet.block(block, axis, rays, far, &mut best);
                 continue;
             }
             for lane in 0..triangles {
-                let found = packet.triangle(self.geometry.surfaces(), block, lane, far);
+                let found = packet.triangle(block, lane, far);
                 if found.hit.any() {
                     let met = found.hit & packet.active;
                     best.keep(block.primitive[lane], found.t, found.u, found.v, met);

@@ -18,8 +18,7 @@ mod closest;
 
 use super::{BLOCK, Block, Bvh8, Node};
 use crate::intersect::bvh2::beyond;
-use crate::intersect::triangle::{self, Between, OneTriangle, Planes, meet_by_lanes};
-use crate::intersect::{Hit, RayPacket, sphere, test_round};
+use crate::intersect::{Hit, RayPacket, sphere, test_round, triangle};
 use crate::isa::Isa;
 use crate::lanes::{Mask, Real, Uint, map3};
 use crate::scene::MISS;
@@ -62,30 +61,6 @@ struct Prepared<F: Real> {
 trait Meet<F: Real> {
     /// The ray in lane `ray` of its packet meets the triangle in a lane of `found`, which repeats the block.
     fn meet(&mut self, block: &Block, ray: usize, lane: usize, found: &triangle::TriangleHits<F>);
-}
-
-/// What [`Prepared::block`] meets: some rays, each four times, and the four triangles of a block, repeated.
-struct Repeated<'a, F: Real> {
-    surfaces: &'a [f32],
-    block: &'a Block,
-    packet: &'a Prepared<F>,
-    /// The numbers of the rays, of which the first here is number `first`.
-    packed: &'a [u32; 16],
-    first: usize,
-}
-
-impl<F: Real> Planes<F> for Repeated<'_, F> {
-    #[inline(always)]
-    fn meet(&self, lanes: F::Mask, between: Between<F, F::Mask>, t_max: F) -> (F, F::Mask) {
-        let primitive = |lane: usize| self.block.primitive[lane % BLOCK];
-        let origin = map3!(self.packet.origin, |x| x.to_array());
-        let direction = map3!(self.packet.direction, |x| x.to_array());
-        let ray = |lane: usize| {
-            let ray = self.packed[(self.first + lane / BLOCK) & 15] as usize & 15;
-            (map3!(&origin, |x| x[ray]), map3!(&direction, |x| x[ray]))
-        };
-        meet_by_lanes(self.surfaces, lanes, between, t_max, primitive, ray)
-    }
 }
 
 impl<F: Real> Prepared<F> {
@@ -148,7 +123,7 @@ impl<F: Real> Prepared<F> {
 
     /// All rays against one triangle of a block.
     #[inline(always)]
-    fn triangle(&self, surfaces: &[f32], block: &Block, lane: usize, t_max: F) -> triangle::TriangleHits<F> {
+    fn triangle(&self, block: &Block, lane: usize, t_max: F) -> triangle::TriangleHits<F> {
         let ([sx, sy, sz], [ox, oy, oz]) = (self.shear, self.sheared_origin);
         let corners = match self.axis {
             Some(axis) => {
@@ -162,27 +137,13 @@ impl<F: Real> Prepared<F> {
             let z = z - oz;
             [(x - ox) - sx * z, (y - oy) - sy * z, sz * z]
         });
-        let planes = OneTriangle {
-            surfaces,
-            primitive: block.primitive[lane],
-            origin: &self.origin,
-            direction: &self.direction,
-        };
-        triangle::intersect_sheared(sheared, planes, t_max)
+        triangle::intersect_sheared(sheared, t_max)
     }
 
     /// The four triangles of a block, repeated, against some of the rays, each repeated four times: for leaves that few
     /// rays reach.
     #[inline(always)]
-    fn block(
-        &self,
-        surfaces: &[f32],
-        block: &Block,
-        axis: usize,
-        rays: F::Mask,
-        t_max: F,
-        to: &mut impl Meet<F>,
-    ) {
+    fn block(&self, block: &Block, axis: usize, rays: F::Mask, t_max: F, to: &mut impl Meet<F>) {
         let axes = AXES[axis];
         let corners = map3!(&block.corners, |corner| map3!(axes, |k| F::repeat(&corner[k])));
         // The numbers of the rays, packed.
@@ -200,8 +161,7 @@ impl<F: Real> Prepared<F> {
                 let z = z - oz;
                 [(x - ox) - sx * z, (y - oy) - sy * z, sz * z]
             });
-            let planes = Repeated { surfaces, block, packet: self, packed: &packed, first };
-            let found = triangle::intersect_sheared(sheared, planes, t_max.permute(lanes));
+            let found = triangle::intersect_sheared(sheared, t_max.permute(lanes));
             let mut hits = found.hit.bits() & ((1u64 << count) - 1) as u32;
             while hits != 0 {
                 let lane = hits.trailing_zeros() as usize & 15;
