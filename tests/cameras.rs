@@ -18,7 +18,7 @@ const AROUND: &str = r#"
 fn view(camera: &str, width: u32, height: u32) -> String {
     format!(
         "Camera {camera} Film \"rgb\" \"integer xresolution\" {width} \"integer yresolution\" {height}
-         PixelFilter \"box\" WorldBegin"
+         PixelFilter \"box\" WorldBegin\n"
     )
 }
 

@@ -255,7 +255,7 @@ fn only_what_shines_is_chosen() {
 #[test]
 fn all_kinds_of_texels_mean_the_same() {
     let values: Vec<f32> = (0..256).map(|byte| byte as f32 / 8.0).collect();
-    let words: Vec<u32> = (0..12).map(|k| k * 20 | k << 8 | (255 - k) << 16).collect();
+    let words: Vec<u32> = (0..12).map(|k| (k * 20) | (k << 8) | ((255 - k) << 16)).collect();
     let bytes = Picture::new(4, 3, Texels::Bytes { words, values }).unwrap();
     let numbers: Vec<f32> = (0..12).flat_map(|i| bytes.colour(i % 4, i / 4)).collect();
     let halves = numbers.chunks(3).flat_map(|c| {

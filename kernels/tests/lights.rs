@@ -21,8 +21,7 @@ use wavepath_kernels::scene::lights::{
     fade, goniometric, kind, with_lights,
 };
 use wavepath_kernels::scene::{
-    BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, GeometryParts, MaterialTable, NoRow,
-    Scene, SceneParts,
+    BuildError, Camera, CameraParts, Filter, FilterAxis, Geometry, MaterialTable, NoRow, Scene, SceneParts,
 };
 use wavepath_kernels::shade::bsdf::Bsdf;
 use wavepath_kernels::shade::emission::emitted;
@@ -544,16 +543,6 @@ fn shadow_rays_stop_short_of_the_light_and_not_long_before() {
         if let Triangle(p, a, b) = shape {
             let corners = [p, narrow(add(wide(p), wide(a))), narrow(add(wide(p), wide(b)))];
             let light = Light::new(shape, true);
-            let normal = normalize(cross(wide(a), wide(b)));
-            let [x, y, z] = narrow(normal);
-            let geometry = Geometry::new(GeometryParts {
-                vertices: corners.to_vec(),
-                triangles: vec![[0, 1, 2]],
-                planes: vec![[x, y, z, dot(wide([x, y, z]), wide(p)) as f32]],
-                tags: vec![0],
-                ..GeometryParts::default()
-            })
-            .unwrap();
             for _ in 0..2_000 {
                 let s = light.sample::<f32>(origin, [random.unit(), random.unit()]);
                 let mut hit = Hit::none(s.distance as f32);

@@ -20,10 +20,10 @@
 //! wavepath::Render::new(&scene).samples(8..16).run()?.save_film(&scene, &other)?;
 //! // They are the whole, to the bit.
 //! let whole = FilmFile::merge(&[&half, &other])?.into_picture();
-//! assert_eq!(whole.image(), wavepath::Render::new(&scene).spp(16).run()?.image());
+//! assert_eq!(whole.image().pixels, wavepath::Render::new(&scene).spp(16).run()?.image().pixels);
 //! // Or one of them is gone on with.
 //! let picture = wavepath::Render::new(&scene).spp(16).resume(FilmFile::read(&half)?).run()?;
-//! assert_eq!(picture.image(), whole.image());
+//! assert_eq!(picture.image().pixels, whole.image().pixels);
 //! # std::fs::remove_dir_all(&folder)?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

@@ -34,11 +34,12 @@ impl Default for Formulas {
 }
 
 fn cone_density(radius: f32, distance: f32) -> f32 {
-    let scene = super::text::lit(&super::text::sphere([0.0, 0.0, distance.into()], radius.into()));
+    // The lamp is at the origin: tables of a scene that is far from it are moved there.
+    let scene = super::text::lit(&super::text::sphere([0.0; 3], radius.into()));
     // SAFETY: the scene has one light.
     let light = unsafe { scene.tables().lights().row::<f32>(Uint::splat(0)) };
-    let (zero, up) = (Vec3::zero(), Vec3::new(0.0, 0.0, 1.0));
-    lights::pdf::<f32, AllLights>(&light, zero, up, distance - radius, -up)
+    let (below, up) = (Vec3::new(0.0, 0.0, -distance), Vec3::new(0.0, 0.0, 1.0));
+    lights::pdf::<f32, AllLights>(&light, below, up, distance - radius, -up)
 }
 
 fn meets(geometry: &Geometry, rays: &[Ray]) -> Vec<bool> {

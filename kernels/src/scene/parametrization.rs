@@ -306,6 +306,18 @@ pub(crate) unsafe fn tangents<F: Real>(
     }
 }
 
+/// (x a - y b) s.
+#[inline(always)]
+fn difference<F: Real>(x: Vec3<F>, a: F, y: Vec3<F>, b: F, s: F) -> Vec3<F> {
+    (x.scale(a) - y.scale(b)).scale(s)
+}
+
+/// A vector of object space in the world, by the columns of the map over `volume`.
+#[inline(always)]
+fn to_world<F: Real>([x, y, z]: [Vec3<F>; 3], volume: F, v: Vec3<F>) -> Vec3<F> {
+    (x.scale(v.x) + y.scale(v.y) + z.scale(v.z)).scale(volume)
+}
+
 /// # Safety
 /// Every lane of `triangle` is a triangle, of the kind [`VERTICES`] only if it has coordinates.
 #[inline(always)]
@@ -350,11 +362,9 @@ unsafe fn triangle_tangents<F: Real>(
         let determinant = u02 * v12 - v02 * u12;
         let regular = determinant.abs().gt(F::lit(1e-9));
         let inverse = F::select(regular, determinant.recip(), zero);
-        let along_u = |x: Vec3<F>, y: Vec3<F>| (x.scale(v12) - y.scale(v02)).scale(inverse);
-        let along_v = |x: Vec3<F>, y: Vec3<F>| (y.scale(u02) - x.scale(u12)).scale(inverse);
         let mut out = Tangents {
-            u: along_u(p02, p12),
-            v: along_v(p02, p12),
+            u: difference(p02, v12, p12, v02, inverse),
+            v: difference(p12, u02, p02, u12, inverse),
             normal_u: Vec3::zero(),
             normal_v: Vec3::zero(),
         };
@@ -376,8 +386,8 @@ unsafe fn triangle_tangents<F: Real>(
             out = Tangents {
                 u: Vec3::select(smooth, u, out.u),
                 v: Vec3::select(smooth, v, out.v),
-                normal_u: Vec3::select(smooth, along_u(n0 - n2, n1 - n2), Vec3::zero()),
-                normal_v: Vec3::select(smooth, along_v(n0 - n2, n1 - n2), Vec3::zero()),
+                normal_u: Vec3::select(smooth, difference(n0 - n2, v12, n1 - n2, v02, inverse), Vec3::zero()),
+                normal_v: Vec3::select(smooth, difference(n1 - n2, u02, n0 - n2, u12, inverse), Vec3::zero()),
             };
         }
         out
@@ -419,9 +429,9 @@ unsafe fn round_tangents<F: Real>(
     // Columns of the inverse map: products of its rows over their volume.
     let (ax, bx, cx) = (b.cross(c), c.cross(a), a.cross(b));
     let volume = a.dot(ax).recip();
-    let to_world = |v: Vec3<F>| (ax.scale(v.x) + bx.scale(v.y) + cx.scale(v.z)).scale(volume);
+    let columns = [ax, bx, cx];
     let around = F::lit(core::f64::consts::TAU) * turns_inverse.recip();
-    let u = to_world(Vec3::new(-(y * around), x * around, F::zero()));
+    let u = to_world(columns, volume, Vec3::new(-(y * around), x * around, F::zero()));
     let across = x.mul_add(x, y * y).sqrt();
     let (cos, sin) = (x / across, y / across);
     let span = along_inverse.recip();
@@ -431,12 +441,16 @@ unsafe fn round_tangents<F: Real>(
     let meridian = Vec3::new(z * cos, z * sin, -across);
     let spoke = Vec3::new(cos, sin, F::zero());
     let axis = Vec3::new(F::zero(), F::zero(), F::one());
-    let v = to_world(Vec3::select(polar, meridian, Vec3::select(radius, spoke, axis)).scale(span));
+    let v = to_world(
+        columns,
+        volume,
+        Vec3::select(polar, meridian, Vec3::select(radius, spoke, axis)).scale(span),
+    );
     // Normals turn as points do, over the radius; not along cylinders, nor on disks.
     let r = F::select(polar, across.mul_add(across, z * z).sqrt(), across);
-    let size = to_world(Vec3::new(r * cos, r * sin, F::zero())).length2().sqrt();
+    let size = to_world(columns, volume, Vec3::new(r * cos, r * sin, F::zero())).length2().sqrt();
     let curvature = size.recip();
-    let outwards = to_world(Vec3::new(x, y, F::select(polar, z, F::zero())));
+    let outwards = to_world(columns, volume, Vec3::new(x, y, F::select(polar, z, F::zero())));
     let curvature = curvature.xor_sign(outwards.dot(surface.normal));
     let bent_u = F::select(radius, F::zero(), curvature);
     let bent_v = F::select(polar, curvature, F::zero());

@@ -62,17 +62,17 @@ impl<F: Real> Point<F> {
         let camera = scene.camera();
         let to = surface.point - Vec3::splat(camera.origin());
         // A cone from the camera, cut by the plane of the surface: v - to (v.n) / (to.n) for two vectors v across it.
-        let length2 = to.length2();
-        let share = F::lit(PIXEL_SHARE);
-        let projected = surface.normal.dot(to);
-        let cut = |step: [f32; 3]| {
-            let step = Vec3::splat(step);
-            let across = to.mul_add(-(step.dot(to) / length2), step).scale(length2.sqrt() * share);
-            to.mul_add(-(across.dot(surface.normal) / projected), across)
-        };
-        let footprint = [cut(camera.right()), cut(camera.down())];
+        let footprint = [cut(camera.right(), to, surface.normal), cut(camera.down(), to, surface.normal)];
         Point { position: surface.point, normal: surface.shading_normal, uv, footprint }
     }
+}
+
+/// A step of a pixel along the cone around `to`, cut by the plane across `normal`.
+#[inline(always)]
+fn cut<F: Real>(step: [f32; 3], to: Vec3<F>, normal: Vec3<F>) -> Vec3<F> {
+    let (step, length2) = (Vec3::splat(step), to.length2());
+    let across = to.mul_add(-(step.dot(to) / length2), step).scale(length2.sqrt() * F::lit(PIXEL_SHARE));
+    to.mul_add(-(across.dot(normal) / normal.dot(to)), across)
 }
 
 /// Rows of parameters of some paths, one after the other: [`PIECE`] of them.

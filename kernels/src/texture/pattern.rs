@@ -183,11 +183,17 @@ pub(super) fn in_dot<F: Real>([s, t]: [F; 2]) -> F::Mask {
     const RADIUS: f64 = 0.35;
     let half = F::lit(0.5);
     let (x, y) = (floor(s + half), floor(t + half));
-    let at = |dx: f64, dy: f64| noise(Vec3::new(x + F::lit(dx), y + F::lit(dy), half));
     let shift = F::lit(0.5 - RADIUS);
-    let off_x = s - at(1.5, 2.8).mul_add(shift, x);
-    let off_y = t - at(4.5, 9.8).mul_add(shift, y);
-    at(0.5, 0.5).gt(F::zero()) & off_x.mul_add(off_x, off_y * off_y).lt(F::lit(RADIUS * RADIUS))
+    let off_x = s - noise_of_cell([x, y], [1.5, 2.8]).mul_add(shift, x);
+    let off_y = t - noise_of_cell([x, y], [4.5, 9.8]).mul_add(shift, y);
+    noise_of_cell([x, y], [0.5, 0.5]).gt(F::zero())
+        & off_x.mul_add(off_x, off_y * off_y).lt(F::lit(RADIUS * RADIUS))
+}
+
+/// Noise of the cell of a dot at (x, y), apart from other noise of it by a shift.
+#[inline(always)]
+fn noise_of_cell<F: Real>([x, y]: [F; 2], [dx, dy]: [f64; 2]) -> F {
+    noise(Vec3::new(x + F::lit(dx), y + F::lit(dy), F::lit(0.5)))
 }
 
 /// A solid texture at a point.

@@ -429,7 +429,11 @@ pub(super) fn opacity_at<F: Real>(
         Seen::ByPaths => &opaque.for_paths,
         Seen::ByLight => &opaque.for_light,
     };
-    let opacity = value.as_ref().map_or(F::one(), |value| value_at(scene, value, at).r);
+    // No closure: what is not inlined is compiled without the instruction set.
+    let opacity = match value {
+        Some(value) => value_at(scene, value, at).r,
+        None => F::one(),
+    };
     (opacity, opaque.certain)
 }
 

@@ -17,15 +17,23 @@ pub(super) fn steps<F: Real>(at: &Point<F>, tangents: &Tangents<F>) -> [F; 2] {
     let (uu, uv, vv) = (u.length2(), u.dot(*v), v.length2());
     let inverse = (uu * vv - uv * uv).recip();
     let [x, y] = at.footprint;
-    let along_u = |f: Vec3<F>| ((vv * u.dot(f) - uv * v.dot(f)) * inverse).abs();
-    let along_v = |f: Vec3<F>| ((uu * v.dot(f) - uv * u.dot(f)) * inverse).abs();
     let half = F::lit(0.5);
-    let step = [(along_u(x) + along_u(y)) * half, (along_v(x) + along_v(y)) * half];
-    let usable = |step: F| {
-        let fine = step.gt(F::lit(1e-7)) & step.lt(F::lit(1e8));
-        F::select(fine, step, F::lit(0.0005))
-    };
-    [usable(step[0]), usable(step[1])]
+    let along_u = along(x, (vv, *u), (uv, *v), inverse) + along(y, (vv, *u), (uv, *v), inverse);
+    let along_v = along(x, (uu, *v), (uv, *u), inverse) + along(y, (uu, *v), (uv, *u), inverse);
+    [usable(along_u * half), usable(along_v * half)]
+}
+
+/// How far a vector goes along a tangent: |(a m.f - b n.f) / determinant|.
+#[inline(always)]
+fn along<F: Real>(f: Vec3<F>, (a, m): (F, Vec3<F>), (b, n): (F, Vec3<F>), inverse: F) -> F {
+    ((a * m.dot(f) - b * n.dot(f)) * inverse).abs()
+}
+
+/// The step, or a fixed one where it is none.
+#[inline(always)]
+fn usable<F: Real>(step: F) -> F {
+    let fine = step.gt(F::lit(1e-7)) & step.lt(F::lit(1e8));
+    F::select(fine, step, F::lit(0.0005))
 }
 
 /// The point that lies a step further along u, or v.

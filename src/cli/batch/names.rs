@@ -53,7 +53,10 @@ fn plain(c: char) -> char {
 pub(super) fn file_name(name: &str) -> String {
     let name: String = name.chars().map(plain).collect();
     // Not hidden, and not a way up.
-    if name.starts_with('.') { format!("_{}", &name[1..]) } else { name }
+    match name.strip_prefix('.') {
+        Some(rest) => format!("_{rest}"),
+        None => name,
+    }
 }
 
 #[cfg(test)]

@@ -32,13 +32,16 @@ pub(super) struct Record {
     pub report: Report,
 }
 
+/// Size and time of a file, and the hash of what is in it.
+type Known = (u64, Option<SystemTime>, String);
+
 /// The folder of a queue.
 pub(super) struct State {
     folder: PathBuf,
     /// Where the names of files in jobs begin.
     base: PathBuf,
     /// By name, with size and time of the file: frames share their meshes.
-    hashes: RefCell<HashMap<PathBuf, (u64, Option<SystemTime>, String)>>,
+    hashes: RefCell<HashMap<PathBuf, Known>>,
 }
 
 impl State {

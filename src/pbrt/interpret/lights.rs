@@ -170,7 +170,8 @@ impl Builder {
         let same = |x: DVec3, y: DVec3| (x - y).length() <= 1e-3 * x.length().max(y.length());
         let (across, up) = (d - a, b - a);
         let is_rectangle = same(across, c - b) && same(up, c - d) && square(across, up);
-        if !is_rectangle || !(across.cross(up).length() > 0.0) || !c.as_vec3().is_finite() {
+        let has_area = across.cross(up).length() > 0.0;
+        if !is_rectangle || !has_area || !c.as_vec3().is_finite() {
             return Err(parameter
                 .problem("the portal is no rectangle")
                 .label("expected its corners in order"));

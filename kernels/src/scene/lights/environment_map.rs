@@ -272,8 +272,11 @@ fn times<F: Real>(rows: &[[f32; 3]; 3], v: Vec3<F>) -> Vec3<F> {
     )
 }
 
+/// Three rows of a matrix.
+type Rows = [[f32; 3]; 3];
+
 /// A matrix and its inverse, both scaled to a determinant of 1 or -1.
-fn normalised(rows: [[f64; 3]; 3]) -> Option<([[f32; 3]; 3], [[f32; 3]; 3])> {
+fn normalised(rows: [[f64; 3]; 3]) -> Option<(Rows, Rows)> {
     let largest = rows.as_flattened().iter().fold(0.0f64, |a, x| a.max(x.abs()));
     let matrix = glam::DMat3::from_cols_array_2d(&rows) * largest.recip();
     let scale = matrix.determinant().abs().cbrt().recip();
