@@ -49,6 +49,7 @@ use std::path::{Path, PathBuf};
 pub(crate) use ply::reading_time;
 
 pub use overrides::Override;
+#[cfg(feature = "cli")]
 pub(crate) use suggest::did_you_mean;
 
 pub use error::{Diagnostic, Error, Excerpt, Location, Severity};
