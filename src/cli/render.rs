@@ -172,6 +172,9 @@ pub(super) fn run(args: &RenderArgs, world: Option<&World>) -> Result<(), Failur
     let outputs = outputs.with_scene(args, scene.description(), scene.inputs())?;
     let interrupted = crate::interrupt::flag()
         .map_err(|error| Failure::Work(format!("cannot watch for signals: {error}")))?;
+    // Before the render that borrows it, so that it is dropped later.
+    #[allow(clippy::needless_late_init, reason = "the order of dropping")]
+    let dealer;
     let mut render = long_render(choose(Render::new(&scene), args), args)?.stop_on(interrupted.clone());
     let mut earlier = Earlier::default();
     if let Some(file) = resumed(args)? {
@@ -181,8 +184,7 @@ pub(super) fn run(args: &RenderArgs, world: Option<&World>) -> Result<(), Failur
     // What the others have is in a checkpoint only if it is handed in before.
     let every = args.long.checkpoint_every.unwrap_or(DEFAULT_INTERVAL);
     let hand_in = args.long.checkpoint.as_ref().map(|_| every.mul_f64(0.9));
-    let dealer =
-        world.map(|world| Dealer::new(world, &render, hand_in)).transpose().map_err(Failure::Work)?;
+    dealer = world.map(|world| Dealer::new(world, &render, hand_in)).transpose().map_err(Failure::Work)?;
     if let Some(dealer) = &dealer {
         render = render.with_helpers(dealer);
     }
