@@ -440,12 +440,16 @@ impl<'s> Render<'s> {
         self.check()?;
         let started = Instant::now();
         let (scene, engine) = (self.scene, self.settings.engine);
-        // As many threads as render; the pool of the session lives no longer than its render, which needs the tree.
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.settings.threads).build();
-        let tree = match pool {
-            Ok(pool) => pool.install(|| scene.tree(engine)),
-            // The session says what is wrong.
-            Err(_) => scene.tree(engine),
+        // As many threads as render. A thread that waits for another pool takes up other work of its own, which may be such
+        // a render, one in the other: what runs in a pool already builds there.
+        let tree = if rayon::current_thread_index().is_some() {
+            scene.tree(engine)
+        } else {
+            match rayon::ThreadPoolBuilder::new().num_threads(self.settings.threads).build() {
+                Ok(pool) => pool.install(|| scene.tree(engine)),
+                // The session says what is wrong.
+                Err(_) => scene.tree(engine),
+            }
         };
         self.run_in(&tree, started.elapsed())
     }
