@@ -435,6 +435,9 @@ fn thin_boxes() -> impl Iterator<Item = Case> {
                 // One rounding of 1e5 thin.
                 (low[axis], high[axis]) = (1e5, 1e5 + 0.007_812_5);
                 let geometry = geometry_of(&cuboid(low, high));
+                let corner = geometry.vertices().iter().fold([f32::INFINITY; 3], |least, vertex| {
+                    std::array::from_fn(|k| least[k].min(vertex[k]))
+                });
                 let tree = Bvh8::new(&geometry);
                 let (mut stack, level) = (tree.stack(), Level::detect());
                 let mut direction = [0.0f32; 3];
@@ -443,8 +446,11 @@ fn thin_boxes() -> impl Iterator<Item = Case> {
                 let mut wrong = 0;
                 for i in -8..=8 {
                     for j in -8..=8 {
-                        let mut origin = [0.0f32; 3];
-                        (origin[b], origin[c]) = (i as f32 / 8.0, j as f32 / 8.0);
+                        // From where the box is: tables of scenes far from the origin are moved there.
+                        let mut origin = corner;
+                        origin[axis] -= 1e5;
+                        origin[b] += 1.0 + i as f32 / 8.0;
+                        origin[c] += 1.0 + j as f32 / 8.0;
                         let hit =
                             level.run(Closest { accelerator: &tree, origin, direction, stack: &mut stack });
                         wrong += u32::from(hit.primitive == MISS || (hit.t - 1e5).abs() > 0.02);
