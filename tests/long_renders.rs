@@ -3,15 +3,15 @@
 
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
-use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use wavepath::picture;
 
-/// A folder that vanishes with the test, and a small scene in it.
-struct Scratch(PathBuf);
+#[path = "support/scratch.rs"]
+mod scratch;
+use scratch::Scratch;
 
 /// Most pixels have no noise: samples are best spread unevenly.
 const SCENE: &str = r#"LookAt 8 2 14  8 0 0  0 1 0
@@ -31,19 +31,7 @@ Shape "sphere" "float radius" 2
 
 impl Scratch {
     fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("wavepath-long-{name}-{}", std::process::id()));
-        fs::create_dir_all(&path).unwrap();
-        fs::write(path.join("s.pbrt"), SCENE).unwrap();
-        Scratch(path)
-    }
-    fn file(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-    fn names(&self) -> Vec<String> {
-        let name = |entry: std::io::Result<fs::DirEntry>| entry.unwrap().file_name().into_string().unwrap();
-        let mut names: Vec<_> = fs::read_dir(&self.0).unwrap().map(name).collect();
-        names.sort();
-        names
+        Scratch::with_scene(&format!("long-{name}"), SCENE)
     }
     fn command(&self, words: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_wavepath"));
@@ -87,12 +75,6 @@ impl Scratch {
             assert!(Instant::now() < patience, "{name} does not come");
             std::thread::sleep(Duration::from_millis(1));
         }
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
     }
 }
 

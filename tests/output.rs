@@ -3,13 +3,13 @@
 
 use std::fs;
 use std::io::Write;
-use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
 use wavepath::picture::{self, Image};
 
-/// A folder that vanishes with the test, and a small scene in it.
-struct Scratch(PathBuf);
+#[path = "support/scratch.rs"]
+mod scratch;
+use scratch::Scratch;
 
 const SCENE: &str = r#"LookAt 0 0 5  0 0 0  0 1 0
 Camera "perspective" "float fov" 30
@@ -22,19 +22,7 @@ Shape "sphere"
 
 impl Scratch {
     fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("wavepath-output-{name}-{}", std::process::id()));
-        fs::create_dir_all(&path).unwrap();
-        fs::write(path.join("s.pbrt"), SCENE).unwrap();
-        Scratch(path)
-    }
-    fn file(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-    fn names(&self) -> Vec<String> {
-        let name = |entry: std::io::Result<fs::DirEntry>| entry.unwrap().file_name().into_string().unwrap();
-        let mut names: Vec<_> = fs::read_dir(&self.0).unwrap().map(name).collect();
-        names.sort();
-        names
+        Scratch::with_scene(&format!("output-{name}"), SCENE)
     }
     fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_wavepath"));
@@ -62,12 +50,6 @@ impl Scratch {
         }
         assert_eq!(message.matches("error: ").count(), 1, "{message}");
         assert_eq!(self.names(), before);
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
     }
 }
 

@@ -29,7 +29,9 @@ pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
 /// What a picture says of its own error.
 fn with_itself(args: &CompareArgs) -> Result<(), Failure> {
     let image = picture::read_layers(&args.image)?;
-    let (Some(own), Some(map)) = (own_error(&image), own_error_map(&image)) else {
+    let map = own_error_map(&image);
+    let own = map.as_deref().and_then(|map| own_error(&image, map));
+    let (Some(own), Some(map)) = (own, map) else {
         return Err(Failure::Input(format!(
             "\"{}\" does not say what its error is: it has no layers stderr.R, .G, .B with values; expected an EXR file \
              of `wavepath render --layers`, or a reference to compare with",

@@ -64,9 +64,12 @@ pub fn own_error_map(image: &Image) -> Option<Vec<f32>> {
     Some(image.pixels.iter().enumerate().map(error).collect())
 }
 
-/// Where the error of a picture is. `None` without the channels that `--layers` writes, or without a valid pixel.
-pub fn own_error(image: &Image) -> Option<OwnError> {
-    let map = own_error_map(image)?;
+/// Where the error of a picture is, by its [`own_error_map`]. `None` without a valid pixel.
+///
+/// # Panics
+/// If the map is not as large as the picture.
+pub fn own_error(image: &Image, map: &[f32]) -> Option<OwnError> {
+    assert_eq!(map.len(), image.pixels.len(), "the map of this picture");
     let mut valid: Vec<f32> = map.iter().copied().filter(|error| error.is_finite()).collect();
     if valid.is_empty() {
         return None;
@@ -116,6 +119,10 @@ mod tests {
     use super::*;
     use crate::picture::{Channel, DataWindow};
 
+    fn of(image: &Image) -> Option<OwnError> {
+        own_error(image, &own_error_map(image)?)
+    }
+
     /// 40 x 20 pixels of value 1, with a standard error each.
     fn picture(error: impl Fn(usize) -> f32) -> Image {
         let mut image = Image::new(40, 20, vec![[1.0; 3]; 800]);
@@ -128,7 +135,7 @@ mod tests {
 
     #[test]
     fn even_error_is_nowhere_in_particular() {
-        let own = own_error(&picture(|_| 0.1)).unwrap();
+        let own = of(&picture(|_| 0.1)).unwrap();
         assert!((own.relmse - 0.01 / 1.01).abs() < 1e-8, "{own:?}");
         // One pixel of 800, 8, and 80.
         for (share, expected) in own.shares.into_iter().zip([1.0 / 800.0, 0.01, 0.1]) {
@@ -144,7 +151,7 @@ mod tests {
         let mut image = picture(|pixel| if pixel == 17 * 40 + 35 { 10.0 } else { 0.1 });
         image.window = DataWindow { x: 100, y: 50, full_width: 640, full_height: 480 };
         image.pixels[3] = [f32::NAN; 3];
-        let own = own_error(&image).unwrap();
+        let own = of(&image).unwrap();
         let (one, rest) = (100.0 / 1.01, 798.0 * 0.01 / 1.01);
         assert!((own.shares[0] - one / (one + rest)).abs() < 1e-6, "{own:?}");
         assert_eq!((own.worst[0].crop, own.invalid_pixels), ([132, 140, 66, 70], 1));
@@ -154,9 +161,9 @@ mod tests {
 
     #[test]
     fn without_layers_nothing_is_known() {
-        assert_eq!(own_error(&Image::new(2, 1, vec![[1.0; 3]; 2])), None);
+        assert_eq!(of(&Image::new(2, 1, vec![[1.0; 3]; 2])), None);
         let mut image = picture(|_| 0.1);
         image.pixels.fill([f32::NAN; 3]);
-        assert_eq!(own_error(&image), None);
+        assert_eq!(of(&image), None);
     }
 }
